@@ -155,9 +155,9 @@ absl::StatusOr<PeerCall> PreparePeer(const FrameBenchFlags& flags, const FrameBe
                             series->Open(0, 0, 0));
   PeerCall call{.script = *flags.peer,
                 .raw_path = folder.Sub("volume.raw"),
-                .dims = source->geometry().sample_dims,
-                .type = std::string(volume::NameOf(source->scalar_type())),
-                .spacing = source->geometry().spacing,
+                .dims = source->info().geometry.sample_dims,
+                .type = std::string(volume::NameOf(source->info().type)),
+                .spacing = source->info().geometry.spacing,
                 .frame_count = plan.frame_count,
                 .orbit_degrees = plan.orbit_degrees,
                 .side_px = plan.width_px};

@@ -172,9 +172,9 @@ IsolatedFrame FrameOf(server::FrameResult result, std::vector<volume::BlockId> r
     wall -= agent.busy_duration;
   }
   frame.other_ms = std::max(0.0, absl::ToDoubleMilliseconds(wall));
-  for (const AgentOrders& of_agent : orders) {
-    Append(of_agent.occluding, &frame.occluding);
-    Append(of_agent.visible, &frame.drawn);
+  for (const AgentOrders& agent_orders : orders) {
+    Append(agent_orders.occluding, &frame.occluding);
+    Append(agent_orders.visible, &frame.drawn);
   }
   Append(frame.occluding, &frame.drawn);
   for (auto* blocks : {&ray_hits, &frame.occluding, &frame.drawn}) {

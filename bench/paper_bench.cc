@@ -85,7 +85,7 @@ class Bench {
       return absl::InvalidArgumentError("no sample of the volume is a number");
     }
     result_.isovalues =
-        plan_.isovalues.empty() ? EvenLevels(range, plan_.level_count) : plan_.isovalues;
+        plan_.isovalues.empty() ? EvenIsovalues(range, plan_.isovalue_count) : plan_.isovalues;
     ISOSCOPE_ASSIGN_OR_RETURN(
         camera_, client::ResolveCamera(plan_.camera, result_.manifest.geometry.Bounds()));
     picture_isovalues_ = plan_.picture_isovalues;
@@ -171,8 +171,8 @@ class Bench {
                            .other_ms = frame.other_ms});
       }
     }
-    for (const std::vector<SweepRow>& of_culling : rows) {
-      result_.sweep.insert(result_.sweep.end(), of_culling.begin(), of_culling.end());
+    for (const std::vector<SweepRow>& culling_rows : rows) {
+      result_.sweep.insert(result_.sweep.end(), culling_rows.begin(), culling_rows.end());
     }
     return absl::OkStatus();
   }
@@ -404,7 +404,7 @@ class Bench {
 
 }  // namespace
 
-std::vector<double> EvenLevels(const volume::ScalarSpan& range, int count) {
+std::vector<double> EvenIsovalues(const volume::ScalarSpan& range, int count) {
   std::vector<double> levels;
   for (int i = 1; i <= count; ++i) {
     levels.push_back(range.min + (range.max - range.min) * i / (count + 1));

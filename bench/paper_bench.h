@@ -24,9 +24,9 @@
 namespace isoscope::bench {
 
 struct PaperBenchPlan {
-  // In field units, ascending; empty: `level_count` ones, evenly spread inside the range of values.
+  // In field units, ascending; empty: `isovalue_count` ones, evenly spread inside the value range.
   std::vector<double> isovalues;
-  int level_count = 16;
+  int isovalue_count = 16;
   // Isovalues of figures 7, 8 and 9; 7 and 9 use the first one. Empty: the middle one of the
   // levels.
   std::vector<double> picture_isovalues;
@@ -151,8 +151,8 @@ absl::StatusOr<PaperBenchResult> RunPaperBench(const PaperBenchPlan& plan, Parti
                                                render::Renderer* renderer, PaperProgress progress,
                                                const base::Cancellation& cancellation);
 
-// Returns `count` levels inside (min, max), evenly spread.
-std::vector<double> EvenLevels(const volume::ScalarSpan& range, int count);
+// Returns `count` isovalues inside (min, max), evenly spread.
+std::vector<double> EvenIsovalues(const volume::ScalarSpan& range, int count);
 
 // Returns the row of one isovalue. `agents` is one frame without culling; block_triangles has the
 // triangles of each block with surface.

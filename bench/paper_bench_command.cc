@@ -45,14 +45,14 @@ namespace isoscope::bench {
 namespace {
 
 constexpr std::int64_t kMaxRunCount = 100;
-constexpr std::int64_t kMaxLevelCount = 1000;
+constexpr std::int64_t kMaxIsovalueCount = 1000;
 constexpr std::int64_t kMaxAgentCount = 1024;
 
 struct PaperBenchFlags {
   std::optional<std::string> input;
   std::optional<std::string> output;
   std::vector<std::optional<double>> isovalues;  // none: "auto"
-  std::optional<std::int64_t> level_count;
+  std::optional<std::int64_t> isovalue_count;
   std::vector<double> picture_isovalues;
   std::vector<std::int64_t> agent_counts;
   std::optional<store::Distribution> distribution;
@@ -65,7 +65,7 @@ struct PaperBenchFlags {
   cli::SourceFlags source;
 };
 
-absl::StatusOr<std::optional<double>> ParseLevelOrAuto(absl::string_view text) {
+absl::StatusOr<std::optional<double>> ParseIsovalueOrAuto(absl::string_view text) {
   if (text == "auto") {
     return std::optional<double>();
   }
@@ -88,7 +88,7 @@ absl::Status CheckUsage(const PaperBenchFlags& flags) {
   if (autos > 0 && flags.isovalues.size() > 1) {
     return cli::UsageError("--isovalues takes levels, or 'auto' alone");
   }
-  if (flags.level_count && autos == 0 && !flags.isovalues.empty()) {
+  if (flags.isovalue_count && autos == 0 && !flags.isovalues.empty()) {
     return cli::UsageError("--levels is for --isovalues auto; the levels are given");
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.camera));
@@ -132,7 +132,7 @@ PaperBenchPlan PlanOf(const PaperBenchFlags& flags) {
   std::sort(plan.isovalues.begin(), plan.isovalues.end());
   plan.isovalues.erase(std::unique(plan.isovalues.begin(), plan.isovalues.end()),
                        plan.isovalues.end());
-  plan.level_count = static_cast<int>(flags.level_count.value_or(plan.level_count));
+  plan.isovalue_count = static_cast<int>(flags.isovalue_count.value_or(plan.isovalue_count));
   plan.picture_isovalues = flags.picture_isovalues;
   plan.speedup_agent_counts = ToInts(flags.agent_counts, plan.speedup_agent_counts);
   plan.balance_agent_counts = ToInts(flags.balance_counts, plan.balance_agent_counts);
@@ -300,11 +300,11 @@ cli::Action RegisterPaperBenchFlags(cli::FlagSet* set) {
                "a volume, as 'partition' takes it: it is cut anew for each number of agents");
   cli::AddFlag(set, "--output", "DIR", &flags->output, cli::ParseText,
                "folder for tables, plots and report.md; must not exist yet");
-  cli::AddListFlag(set, "--isovalues", "V|auto", &flags->isovalues, ParseLevelOrAuto,
+  cli::AddListFlag(set, "--isovalues", "V|auto", &flags->isovalues, ParseIsovalueOrAuto,
                    "levels of figures 1 and 6 (default: auto, evenly spread over the values)");
   cli::AddFlag(
-      set, "--levels", "N", &flags->level_count,
-      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxLevelCount); },
+      set, "--levels", "N", &flags->isovalue_count,
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxIsovalueCount); },
       "how many of them with auto (default: 16)");
   cli::AddListFlag(
       set, "--picture-isovalues", "V", &flags->picture_isovalues, client::ParseNumber,

@@ -118,7 +118,7 @@ std::string MarkdownHeader(const std::vector<std::string>& cells) {
 }
 
 std::string Ratio(double value) { return absl::StrFormat("%.2f", value); }
-std::string Level(double value) { return absl::StrFormat("%g", value); }
+std::string IsovalueText(double value) { return absl::StrFormat("%g", value); }
 
 // The imbalances at all isovalues, for one distribution and number of agents.
 struct Balances {
@@ -192,7 +192,7 @@ std::string SweepSection(const PaperBenchResult& result) {
     const SweepRow& mask = *rows.at(frame::Culling::kMask);
     absl::StrAppend(
         &text,
-        MarkdownRow({Level(isovalue), cli::FormatCount(none.triangle_count),
+        MarkdownRow({IsovalueText(isovalue), cli::FormatCount(none.triangle_count),
                      cli::FormatCount(depth.triangle_count), cli::FormatCount(mask.triangle_count),
                      cli::FormatMilliseconds(none.busy_ms), cli::FormatMilliseconds(depth.busy_ms),
                      cli::FormatMilliseconds(mask.busy_ms),
@@ -203,7 +203,7 @@ std::string SweepSection(const PaperBenchResult& result) {
 
 std::string SpeedupSection(const PaperBenchResult& result) {
   std::string text = absl::StrCat(
-      "## Figure 7: speed-up at isovalue ", Level(result.speedup_isovalue), ", ",
+      "## Figure 7: speed-up at isovalue ", IsovalueText(result.speedup_isovalue), ", ",
       store::NameOf(result.speedup_distribution),
       " distribution, culling by depth\n\n"
       "Speed-up of the agents is the busy time of one agent alone over the longest of P, as in the "
@@ -230,17 +230,17 @@ std::string PictureSections(const PaperBenchResult& result) {
   absl::StrAppend(&text, MarkdownHeader({"isovalue", "stage", "blocks", "triangles", "share",
                                          "pixels that differ from the whole surface's"}));
   for (const StageRow& row : result.stages) {
-    absl::StrAppend(&text,
-                    MarkdownRow({Level(row.isovalue), row.stage, cli::FormatCount(row.block_count),
-                                 cli::FormatCount(row.triangle_count),
-                                 absl::StrFormat("%.1f %%", 100 * row.triangle_share),
-                                 cli::FormatCount(row.differing_pixel_count)}));
+    absl::StrAppend(
+        &text, MarkdownRow({IsovalueText(row.isovalue), row.stage,
+                            cli::FormatCount(row.block_count), cli::FormatCount(row.triangle_count),
+                            absl::StrFormat("%.1f %%", 100 * row.triangle_share),
+                            cli::FormatCount(row.differing_pixel_count)}));
   }
   absl::StrAppend(&text,
                   "\n![figure 8](figure8.svg)\n\n## Figure 9: the culled surface from the "
                   "side\n\n");
   for (const SideViewRow& row : result.side_views) {
-    absl::StrAppend(&text, "Isovalue ", Level(row.isovalue), ": ",
+    absl::StrAppend(&text, "Isovalue ", IsovalueText(row.isovalue), ": ",
                     cli::FormatCount(row.extracted_triangle_count), " triangles extracted, ",
                     cli::FormatCount(row.left_out_triangle_count),
                     " left out (red in c); pictures a and b differ in ",
@@ -263,8 +263,8 @@ std::string FactsSection(const PaperBenchResult& result, const PaperReportFacts&
       "# The paper's evaluation on ", manifest.source, "\n\n", facts.timestamp, "; ",
       ToString(facts.machine), "; renderer ", facts.renderer, ".\n\n    ", facts.command, "\n\n",
       manifest.source, ": ", dims.x, " x ", dims.y, " x ", dims.z, " samples of ",
-      volume::NameOf(manifest.scalar_type), ", values ", Level(manifest.value_range.min), " to ",
-      Level(manifest.value_range.max), ", blocks of ", manifest.block_cells.x, " x ",
+      volume::NameOf(manifest.scalar_type), ", values ", IsovalueText(manifest.value_range.min),
+      " to ", IsovalueText(manifest.value_range.max), ", blocks of ", manifest.block_cells.x, " x ",
       manifest.block_cells.y, " x ", manifest.block_cells.z, " cells; ", facts.side_px, " x ",
       facts.side_px, " pixels; each time the least of ", facts.run_count,
       facts.run_count == 1 ? " run" : " runs",

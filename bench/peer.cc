@@ -27,9 +27,9 @@ std::string Triple(double x, double y, double z) {
 
 absl::Status WriteRawSamples(source::VolumeSource& source, const std::string& path,
                              const cli::Context& context) {
-  const math::Index3& dims = source.geometry().sample_dims;
+  const math::Index3& dims = source.info().geometry.sample_dims;
   const auto layer_bytes =
-      dims.x * dims.y * static_cast<std::int64_t>(volume::SizeOf(source.scalar_type()));
+      dims.x * dims.y * static_cast<std::int64_t>(volume::SizeOf(source.info().type));
   const std::int64_t layers = std::max<std::int64_t>(1, kSlabBytes / layer_bytes);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> file,
                             io::CreateWritableFile(path));

@@ -108,8 +108,8 @@ endfunction()
 # isoscope_test(NAME foo_test SRCS foo_test.cc DEPS isoscope::store LABELS unit)
 #
 # Registers one CTest entry for the whole binary. Labels: unit, integration, golden, slow; guard, for a test of programs
-# that scripts/test.sh always runs; and both, for one that it runs in release and with AddressSanitizer. The target
-# LABEL_tests builds those of a label.
+# that scripts/test.sh always runs; both, for one that it runs in release and with AddressSanitizer; and threads, for one
+# that it runs with ThreadSanitizer, too. The target LABEL_tests builds those of a label.
 function(isoscope_test)
   cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "SRCS;DEPS;LABELS" ${ARGN})
   if(NOT ARG_LABELS)
@@ -148,10 +148,17 @@ endfunction()
 #
 # Makes one program of all sources FOO_test.cc of the folder, and one CTest entry FOO_test for each: it runs the suites of
 # that source alone, in a process of its own. Label: unit. Sources of APART are programs of their own. An entry that does
-# not begin with PREFIX gets it.
+# not begin with PREFIX gets it. Sources of THREADS have the label threads, too: with ThreadSanitizer, the program has no
+# others.
 function(isoscope_room_tests)
-  cmake_parse_arguments(ARG "" "NAME;PREFIX" "DEPS;APART" ${ARGN})
+  cmake_parse_arguments(ARG "" "NAME;PREFIX" "DEPS;APART;THREADS" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS *_test.cc)
+  if(ISOSCOPE_SANITIZE MATCHES thread)
+    if(NOT ARG_THREADS)
+      return()
+    endif()
+    list(TRANSFORM ARG_THREADS PREPEND "${CMAKE_CURRENT_SOURCE_DIR}/" OUTPUT_VARIABLE sources)
+  endif()
   foreach(apart IN LISTS ARG_APART)
     list(REMOVE_ITEM sources "${CMAKE_CURRENT_SOURCE_DIR}/${apart}")
   endforeach()
@@ -164,6 +171,9 @@ function(isoscope_room_tests)
     target_precompile_headers(${ARG_NAME} REUSE_FROM isoscope_test_headers)
   endif()
   isoscope_test_of_label(unit ${ARG_NAME})
+  if(ARG_THREADS)
+    isoscope_test_of_label(threads ${ARG_NAME})
+  endif()
   set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   set(timeout 300)
   set(environment "")
@@ -190,7 +200,13 @@ function(isoscope_room_tests)
       string(PREPEND name "${ARG_PREFIX}")
     endif()
     add_test(NAME ${name} COMMAND ${ARG_NAME} "--gtest_filter=${filter}")
-    set_tests_properties(${name} PROPERTIES LABELS unit TIMEOUT ${timeout} COST ${timeout} ENVIRONMENT "${environment}")
+    set(labels unit)
+    cmake_path(GET source FILENAME file)
+    if(file IN_LIST ARG_THREADS)
+      list(APPEND labels threads)
+    endif()
+    set_tests_properties(${name} PROPERTIES
+      LABELS "${labels}" TIMEOUT ${timeout} COST ${timeout} ENVIRONMENT "${environment}")
   endforeach()
 endfunction()
 

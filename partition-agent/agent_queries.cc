@@ -51,17 +51,17 @@ absl::Status AddValues(const ShardSet& shards, const v1::GetGradientsRequest& re
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointValues> values,
                             ValuesAt(found, volumes, surface_points, cancellation));
-  for (const PointValues& of_point : values) {
-    const auto point_index = static_cast<std::int32_t>(of_point.point_index);
+  for (const PointValues& point : values) {
+    const auto point_index = static_cast<std::int32_t>(point.point_index);
     if (!volumes.empty()) {
       v1::PointValues* const out = response->add_values();
       out->set_point_index(point_index);
-      out->mutable_values()->Assign(of_point.values.begin(), of_point.values.end());
+      out->mutable_values()->Assign(point.values.begin(), point.values.end());
     }
-    if (of_point.label.has_value()) {
+    if (point.label.has_value()) {
       v1::PointLabel* const out = response->add_labels();
       out->set_point_index(point_index);
-      out->set_label(*of_point.label);
+      out->set_label(*point.label);
     }
   }
   return absl::OkStatus();

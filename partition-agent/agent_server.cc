@@ -136,8 +136,9 @@ std::string Summarize(const std::vector<ShardLabel>& labels) {
   }
   std::vector<std::string> parts;
   parts.reserve(indices.size());
-  for (const auto& [name, of_dataset] : indices) {
-    parts.push_back(absl::StrCat(name, " ", absl::StrJoin(of_dataset, ","), " of ", counts[name]));
+  for (const auto& [name, shard_indices] : indices) {
+    parts.push_back(
+        absl::StrCat(name, " ", absl::StrJoin(shard_indices, ","), " of ", counts[name]));
   }
   return absl::StrJoin(parts, "; ");
 }

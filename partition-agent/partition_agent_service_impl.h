@@ -1,5 +1,5 @@
 // PartitionAgentService over gRPC's callback API. It counts and answers calls; agent_queries,
-// frame_steps and surface_extraction compute the answers, agent_streams sends them.
+// frame_answerer and surface_extraction compute the answers, agent_streams sends them.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
 #define ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_

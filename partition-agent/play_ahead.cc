@@ -1,3 +1,15 @@
+// 1. NoteFrame is called as a frame begins. LookOf names its play: series, field, surfaces and what
+//    colours them. PlayDetector guesses the next step from the steps of this look.
+// 2. MakeStep describes that step. Replace ends the steps that the frame used or contradicts, and
+//    queues the new one.
+// 3. Read, on a thread of low priority, opens the step's volumes and reads the samples of the
+//    blocks that the frame will need.
+// 4. MakeMeshes waits until the agent is idle. A frame that begins interrupts it; it then starts
+//    again, and finds the meshes that it has made in the cache.
+//
+// Locks: mutex_ guards steps_ and the detector. Steps are cancelled without it, because their
+// callbacks run in Cancel.
+
 #include "partition-agent/play_ahead.h"
 
 #include <algorithm>

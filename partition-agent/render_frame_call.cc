@@ -1,5 +1,5 @@
-// A frame's stream: FrameStreamState decides which message is due, FrameSteps answers it, and this
-// call runs the steps and sends the answers.
+// A frame's stream: FrameStreamState decides which message is due, FrameAnswerer answers it, and
+// this call runs the steps and sends the answers.
 //
 // gRPC calls the reactions (OnReadDone, OnCancel, ...) on its threads; they only check and
 // schedule. A step runs on the frame executor, and a frame has at most one step there. A step
@@ -19,7 +19,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "partition-agent/agent_streams.h"
-#include "partition-agent/frame_steps.h"
+#include "partition-agent/frame_answerer.h"
 #include "partition-agent/frame_stream_state.h"
 #include "partition-agent/frame_trace.h"
 #include "proto/message_checksum.h"
@@ -266,7 +266,7 @@ class RenderFrameCall final : public FrameReactor {
   std::int64_t frame_number_ = 0;  // set before the first step
   bool is_admitted_ = false;       // the same
   FrameTrace trace_;
-  FrameSteps steps_;  // the steps use it, one after the other
+  FrameAnswerer steps_;  // the steps use it, one after the other
 };
 
 }  // namespace

@@ -73,7 +73,7 @@ std::string DetailsOf(const absl::Status& status, const std::string& message) {
   *details.AddLengthDelimited(kMessageField) = base::CutText(message, kMaxDetailMessageBytes);
   if (const std::optional<absl::Duration> delay = base::RetryDelayOf(status)) {
     UnknownFieldSet retry_info;
-    *retry_info.AddLengthDelimited(kRetryDelayField) = ToProto(*delay).SerializeAsString();
+    *retry_info.AddLengthDelimited(kRetryDelayField) = wire::ToProto(*delay).SerializeAsString();
     AddDetail(kRetryInfoUrl, retry_info, &details);
   }
   AddErrorInfo(base::ReasonOf(status), &details);
@@ -105,7 +105,7 @@ std::optional<absl::Duration> DelayOfRetryInfo(const std::string& bytes) {
   if (delay_bytes != nullptr && !delay.ParseFromString(*delay_bytes)) {
     return std::nullopt;
   }
-  const absl::Duration read = DurationFromProto(delay);
+  const absl::Duration read = wire::DurationFromProto(delay);
   return read >= absl::ZeroDuration() ? std::optional<absl::Duration>(read) : std::nullopt;
 }
 

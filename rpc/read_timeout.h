@@ -58,7 +58,7 @@ class ReadTimeout {
  private:
   // Shared with an alarm that rings while the read ends.
   struct State {
-    explicit State(grpc::ClientContext* of_call) : context(of_call) {}
+    explicit State(grpc::ClientContext* call_context) : context(call_context) {}
     base::Mutex mutex;
     grpc::ClientContext* context ABSL_GUARDED_BY(mutex);
     bool has_rung ABSL_GUARDED_BY(mutex) = false;

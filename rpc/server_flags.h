@@ -30,8 +30,10 @@ struct ServerFlags {
 };
 
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
-// the parsing. is_grpc_server: whether the program has the two limits of frames, and reflection.
-// dials: whether it is a client of other servers.
+// the parsing.
+//
+// is_grpc_server: whether the program has the two limits of frames, and reflection
+// dials:          whether it is a client of other servers
 void AddServerFlags(cli::FlagSet* set, ServerFlags* flags, bool is_grpc_server, bool dials);
 
 // Adds --tls-cert, --tls-key, --tls-ca and --insecure, for commands that are servers, too.

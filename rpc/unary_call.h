@@ -39,7 +39,7 @@ inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* contex
                                              const OnCallEnd& on_end = nullptr) {
   const base::MonotonicTime start = base::MonotonicNow();
   const base::TraceContext identity = AnswerTraceContext(context);
-  absl::Status status = CheckKnownFields(request);
+  absl::Status status = wire::CheckKnownFields(request);
   if (status.ok()) {
     status = answer();
   }
@@ -71,7 +71,7 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
         AnswerTraceContext(context),
         std::min(DeadlineOf(*context), base::MonotonicNow() + max_duration), std::move(on_end)));
     task->self_ = task;
-    const absl::Status status = CheckKnownFields(request);
+    const absl::Status status = wire::CheckKnownFields(request);
     if (!status.ok()) {
       task->End(status);
     } else if (!executor->TrySchedule([task, answer = std::move(answer)] {

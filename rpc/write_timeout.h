@@ -61,7 +61,7 @@ class WriteTimeout {
  private:
   // Shared with alarms that ring while the call ends.
   struct State {
-    explicit State(grpc::CallbackServerContext* of_call) : context(of_call) {}
+    explicit State(grpc::CallbackServerContext* call_context) : context(call_context) {}
     base::Mutex mutex;
     grpc::CallbackServerContext* context ABSL_GUARDED_BY(mutex);
     std::int64_t number ABSL_GUARDED_BY(mutex) = 0;  // of the last write

@@ -81,20 +81,20 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
   return proto;
 }
 
-isoscope::v1::FrameInWork::Step ToProto(FrameStep step) {
+isoscope::v1::FrameInWork::Step ToProto(FramePhase phase) {
   using Proto = isoscope::v1::FrameInWork;
-  switch (step) {
-    case FrameStep::kQueued:
+  switch (phase) {
+    case FramePhase::kQueued:
       return Proto::STEP_QUEUED;
-    case FrameStep::kPreparing:
+    case FramePhase::kPreparing:
       return Proto::STEP_PREPARING;
-    case FrameStep::kOccluderSelection:
+    case FramePhase::kOccluderSelection:
       return Proto::STEP_OCCLUDER_SELECTION;
-    case FrameStep::kOccluderRendering:
+    case FramePhase::kOccluderRendering:
       return Proto::STEP_OCCLUDER_RENDERING;
-    case FrameStep::kVisibilityCulling:
+    case FramePhase::kVisibilityCulling:
       return Proto::STEP_VISIBILITY_CULLING;
-    case FrameStep::kFinishing:
+    case FramePhase::kFinishing:
       return Proto::STEP_FINISHING;
   }
   return Proto::STEP_UNSPECIFIED;
@@ -107,7 +107,7 @@ isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, base::Monotoni
   proto.set_dataset(frame.note.dataset.text());
   proto.mutable_extent()->set_width_px(frame.note.width_px);
   proto.mutable_extent()->set_height_px(frame.note.height_px);
-  proto.set_step(ToProto(frame.step));
+  proto.set_step(ToProto(frame.phase));
   *proto.mutable_age_duration() =
       wire::ToProto(std::max(now - frame.note.arrival, absl::ZeroDuration()));
   return proto;

@@ -31,6 +31,21 @@ namespace {
 constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
 constexpr absl::Duration kMaxValuesDuration = absl::Hours(1);
 
+// Names win: a dataset may be called as another one's id.
+absl::StatusOr<std::shared_ptr<const DatasetState>> FindByNameOrId(const AgentRegistry& registry,
+                                                                   const std::string& name,
+                                                                   const Caller& caller) {
+  absl::StatusOr<std::shared_ptr<const DatasetState>> found = registry.Find(name, caller);
+  if (absl::IsNotFound(found.status())) {
+    for (auto& [other, state] : registry.datasets(caller)) {
+      if (state.is_served && state.dataset.dataset_id() == name) {
+        found = std::make_shared<const DatasetState>(state);
+      }
+    }
+  }
+  return found;
+}
+
 }  // namespace
 
 // A histogram call, which queues for its turn as frames do. It owns itself until gRPC is done with
@@ -129,10 +144,13 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
     record->caller = caller.name();
     ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
-                              registry_->Find(request->name(), caller));
+                              FindByNameOrId(*registry_, request->name(), caller));
     record->dataset = state->dataset.name();
     record->dataset_id = state->dataset.dataset_id();
     *response->mutable_dataset() = state->dataset;
+    if (!state->replica_sets.empty()) {
+      response->set_picture_revision(frame::ToString(state->picture_revision));
+    }
     return absl::OkStatus();
   };
   return AnswerAtOnce(runner_, RequestMethod::kGetDataset, context, *request, request->name(),

@@ -28,6 +28,7 @@
 #include "core/base/units.h"
 #include "core/mesh/surface_merger.h"
 #include "core/mesh/world_placement.h"
+#include "core/solid/surface_sums.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
 #include "rpc/peer.h"
@@ -59,6 +60,12 @@ std::int64_t BytesOf(const v1::ExportIsosurfaceResponse& message) {
   return static_cast<std::int64_t>(message.positions().size() + message.normals().size() +
                                    message.triangles().size());
 }
+
+// One surface, as it was sent.
+struct ExportedSurface {
+  std::int64_t vertex_count = 0;
+  std::optional<solid::SurfaceSums> sums;  // none if an agent has none
+};
 
 // The audit record of the call. OnCancel may end the call while the export finds its dataset.
 // Thread-safe.

@@ -17,8 +17,9 @@ namespace isoscope::server {
 // Decides which names of a list are on a page. The caller offers all names in ascending order.
 class Page {
  public:
-  // size: 0: all. token: "" for the first page, else next_token() of the page before. `list`: one
-  // word that differs between lists, so that a token is valid for its own list only.
+  // list:  one word that differs between lists, so that a token is valid for its own list only
+  // size:  0: all
+  // token: "" for the first page, else next_token() of the page before
   // INVALID_ARGUMENT: a negative size, or a token of another list.
   static absl::StatusOr<Page> Make(absl::string_view list, std::int32_t size,
                                    absl::string_view token);

@@ -22,8 +22,8 @@ using EnumRow = std::pair<Core, Wire>;
 template <typename Core, typename Wire, std::size_t kCount>
 absl::StatusOr<Core> EnumFromProto(const EnumRow<Core, Wire> (&rows)[kCount], Wire wire,
                                    absl::string_view path, absl::string_view allowed) {
-  for (const auto& [core, of_row] : rows) {
-    if (of_row == wire) {
+  for (const auto& [core, row_wire] : rows) {
+    if (row_wire == wire) {
       return core;
     }
   }
@@ -34,8 +34,8 @@ absl::StatusOr<Core> EnumFromProto(const EnumRow<Core, Wire> (&rows)[kCount], Wi
 // The first member of the protos, 0, for a value that has no row.
 template <typename Core, typename Wire, std::size_t kCount>
 Wire EnumToProto(const EnumRow<Core, Wire> (&rows)[kCount], Core core) {
-  for (const auto& [of_row, wire] : rows) {
-    if (of_row == core) {
+  for (const auto& [row_core, wire] : rows) {
+    if (row_core == core) {
       return wire;
     }
   }

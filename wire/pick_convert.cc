@@ -210,16 +210,16 @@ absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& 
 absl::Status AddPointValues(const isoscope::internal::v1::GetGradientsResponse& proto,
                             std::size_t volume_count, std::vector<std::vector<double>>* values) {
   for (int i = 0; i < proto.values_size(); ++i) {
-    const isoscope::internal::v1::PointValues& of_point = proto.values(i);
+    const isoscope::internal::v1::PointValues& point_proto = proto.values(i);
     const std::string path = absl::StrCat("values[", i, "]");
-    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, of_point.point_index(), values->size()));
-    if (static_cast<std::size_t>(of_point.values_size()) != volume_count) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ".values has ", of_point.values_size(),
-                                                     " elements: must have one for each of the ",
-                                                     volume_count, " volumes"));
+    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, point_proto.point_index(), values->size()));
+    if (static_cast<std::size_t>(point_proto.values_size()) != volume_count) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ".values has ", point_proto.values_size(),
+                       " elements: must have one for each of the ", volume_count, " volumes"));
     }
-    (*values)[static_cast<std::size_t>(of_point.point_index())] = {of_point.values().begin(),
-                                                                   of_point.values().end()};
+    (*values)[static_cast<std::size_t>(point_proto.point_index())] = {point_proto.values().begin(),
+                                                                      point_proto.values().end()};
   }
   return absl::OkStatus();
 }
@@ -228,16 +228,16 @@ absl::Status AddPointLabels(const isoscope::internal::v1::GetGradientsResponse& 
                             const std::vector<volume::InsideRule>& rules,
                             std::vector<std::optional<double>>* labels) {
   for (int i = 0; i < proto.labels_size(); ++i) {
-    const isoscope::internal::v1::PointLabel& of_point = proto.labels(i);
+    const isoscope::internal::v1::PointLabel& point_proto = proto.labels(i);
     const std::string path = absl::StrCat("labels[", i, "]");
-    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, of_point.point_index(), labels->size()));
-    const auto point = static_cast<std::size_t>(of_point.point_index());
-    if (!rules[point].has_labels() || !rules[point].IsInside(of_point.label())) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ".label is ", of_point.label(),
+    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, point_proto.point_index(), labels->size()));
+    const auto point = static_cast<std::size_t>(point_proto.point_index());
+    if (!rules[point].has_labels() || !rules[point].IsInside(point_proto.label())) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".label is ", point_proto.label(),
                                                      ": must be one of the surface, which has ",
                                                      rules[point].Text()));
     }
-    (*labels)[point] = of_point.label();
+    (*labels)[point] = point_proto.label();
   }
   return absl::OkStatus();
 }

@@ -44,7 +44,6 @@
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
-#include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/open_request.h"
 #include "core/io/file.h"
@@ -127,15 +126,13 @@ std::string InputAsTyped(const InfoFlags& flags, const SourceFlagNames& names = 
 }
 
 // The series of a folder, if it has several and none is chosen; else an empty object.
-absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
-  const bool is_folder = io::IsDirectory(*flags.input) || source::IsDicomIndex(*flags.input);
-  if (flags.source.dims || flags.source.dicom_series || !is_folder ||
-      !source::NamesDicomSeries(*flags.input)) {
+absl::StatusOr<Json> DescribeSeriesOfFolder(const InfoFlags& flags) {
+  if (flags.source.dims || flags.source.dicom_series) {
     return Json::object();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<source::DicomSeriesEntry> entries,
-                            source::ListDicomSeries(*flags.input));
-  return entries.size() > 1 ? DicomSeriesToJson(entries) : Json::object();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<source::SeriesEntry> entries,
+                            source::ListSeries(*flags.input));
+  return entries.size() > 1 ? SeriesEntriesToJson(entries) : Json::object();
 }
 
 // How many steps of a source of several volumes are read for the ranges of their values: all, if
@@ -144,15 +141,17 @@ absl::StatusOr<Json> DescribeDicomFolder(const InfoFlags& flags) {
 int StepsToRead(const source::VolumeSeries& series, const source::VolumeSource& first,
                 std::int64_t volume_bytes, bool reads_all) {
   std::int64_t components = 0;
-  for (const source::SourceField& field : series.fields()) {
+  for (const source::SourceField& field : series.info().fields) {
     components += static_cast<std::int64_t>(field.components.size());
   }
   const auto is_quick = [&](int steps) {
     const double volumes = static_cast<double>(components) * steps;
-    const double reads = first.is_seekable() ? volumes : volumes * (volumes + 1) / 2;
+    const double reads = first.info().is_seekable ? volumes : volumes * (volumes + 1) / 2;
     return reads * static_cast<double>(volume_bytes) <= static_cast<double>(kMaxQuickBytes);
   };
-  return reads_all || is_quick(series.step_count()) ? series.step_count() : is_quick(1) ? 1 : 0;
+  return reads_all || is_quick(series.info().step_count()) ? series.info().step_count()
+         : is_quick(1)                                     ? 1
+                                                           : 0;
 }
 
 absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
@@ -163,22 +162,22 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
   }
   ProgressLine line(context.err, context.err_is_terminal);
   std::int64_t done = 0;
-  for (std::size_t field = 0; field < series.fields().size(); ++field) {
-    std::vector<source::ValueRange>& of_field = ranges.ranges.emplace_back();
-    for (std::size_t component = 0; component < series.fields()[field].components.size();
+  for (std::size_t field = 0; field < series.info().fields.size(); ++field) {
+    std::vector<source::ValueRange>& field_ranges = ranges.ranges.emplace_back();
+    for (std::size_t component = 0; component < series.info().fields[field].components.size();
          ++component) {
-      source::ValueRange& range = of_field.emplace_back();
+      source::ValueRange& range = field_ranges.emplace_back();
       for (int step = 0; step < steps; ++step) {
         line.Update(absl::StrCat("reading values of volume ", ++done));
         ISOSCOPE_ASSIGN_OR_RETURN(
             const std::unique_ptr<source::VolumeSource> volume,
             series.Open(static_cast<int>(field), static_cast<int>(component), step));
         ISOSCOPE_ASSIGN_OR_RETURN(
-            const source::ValueRange of_step,
+            const source::ValueRange step_range,
             source::FindValueRange(volume.get(), nullptr, context.interrupt->cancellation()));
-        range.span.min = std::min(range.span.min, of_step.span.min);
-        range.span.max = std::max(range.span.max, of_step.span.max);
-        range.infinite_count += of_step.infinite_count;
+        range.span.min = std::min(range.span.min, step_range.span.min);
+        range.span.max = std::max(range.span.max, step_range.span.max);
+        range.infinite_count += step_range.infinite_count;
       }
     }
   }
@@ -188,7 +187,7 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
 // Prints the header before it reads volumes for the ranges of their values. Reads only what is
 // quick or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeDicomFolder(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeSeriesOfFolder(flags));
   if (!folder.empty()) {
     return folder;
   }
@@ -205,8 +204,8 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   if (!flags.is_json) {
     *context.out << DescribeVolume(volume) << std::flush;
   }
-  const std::int64_t bytes = math::Volume(source->geometry().sample_dims) *
-                             static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
+  const std::int64_t bytes = math::Volume(source->info().geometry.sample_dims) *
+                             static_cast<std::int64_t>(volume::SizeOf(source->info().type));
   if (is_single && (flags.reads_values || bytes <= kMaxQuickBytes)) {
     ProgressLine line(context.err, context.err_is_terminal);
     ISOSCOPE_ASSIGN_OR_RETURN(const source::ValueRange range,
@@ -355,7 +354,7 @@ absl::Status CheckDatasetUsage(const InfoFlags& flags) {
 
 std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
   if (json.contains("series")) {
-    return DescribeDicomSeries(json, base::ShellWord(*flags.input));
+    return DescribeSeriesEntries(json, base::ShellWord(*flags.input));
   }
   if (json.contains("volume")) {  // the lines of the grid are printed already
     const Json& volume = json.at("volume");

@@ -103,7 +103,6 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
     nlohmann::ordered_json out;
     out["pixel"] = {request.pixels(i).x(), request.pixels(i).y()};
     out["is_hit"] = point.is_hit();
-    out["hit"] = point.is_hit();  // its name in 0.1
     if (point.is_hit()) {
       out["position"] = ToJson(point.position());
       out["depth"] = point.depth();
@@ -220,18 +219,20 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->question_timeout()));
-  client::RequestFlags of_frame = flags.request;
-  session->AdaptSelection(&of_frame.selection);
-  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &of_frame.selection));
-  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
-      dataset, of_frame.selection, session->frame_timeout(), &session->client(), &of_frame.label));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(of_frame));
+  client::RequestFlags frame_flags = flags.request;
+  session->AdaptSelection(&frame_flags.selection);
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &frame_flags.selection));
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, frame_flags.selection,
+                                                 session->frame_timeout(), &session->client(),
+                                                 &frame_flags.label));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(frame_flags));
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
                             client::ResolveView(flags.view, flags.request.camera, dataset));
   v1::PickSurfaceRequest request;
   request.set_with_field_values(flags.all_fields);
-  ISOSCOPE_ASSIGN_OR_RETURN(*request.mutable_frame(),
-                            client::MakeRequest(of_frame, dataset.name(), camera, flags.view.fit));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      *request.mutable_frame(),
+      client::MakeRequest(frame_flags, dataset.name(), camera, flags.view.fit));
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_ASSIGN_OR_RETURN(const wire::PixelPosition pixel,
                               ParsePixel(text, flags.request.viewport()));

@@ -212,21 +212,21 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::Dataset& dataset,
   const base::MonotonicTime start = base::MonotonicNow();
   const view::Viewport viewport = flags.request.viewport();
   std::vector<FrameRecord> regions;
-  v1::RenderIsosurfaceRequest of_region = whole;
-  of_region.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
+  v1::RenderIsosurfaceRequest region_request = whole;
+  region_request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
   std::optional<client::PictureScaler> shown;
   if (display.is_on()) {
     shown.emplace(viewport, display.SizeOf(viewport));
   }
   const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
-    *of_region.mutable_region() = wire::ToProto(region);
+    *region_request.mutable_region() = wire::ToProto(region);
     const base::MonotonicTime region_start = base::MonotonicNow();
     ISOSCOPE_ASSIGN_OR_RETURN(
         v1::RenderIsosurfaceResponse response,
-        session->client().RenderIsosurface(of_region, session->frame_timeout()));
+        session->client().RenderIsosurface(region_request, session->frame_timeout()));
     // The server resolves the camera once: the other regions use the camera of the first.
-    *of_region.mutable_camera() = response.camera();
-    of_region.clear_camera_fit();
+    *region_request.mutable_camera() = response.camera();
+    region_request.clear_camera_fit();
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - region_start),
                        .statistics = std::move(*response.mutable_statistics()),
                        .request = whole});
@@ -273,13 +273,11 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
 }
 
 // Returns the request of frame `i`, whose camera is `first`, rotated. `has_notes`: with notes.
-absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& flags,
-                                                             const client::RequestFlags& of_frame,
-                                                             const std::string& dataset,
-                                                             const v1::Camera& first, int i,
-                                                             bool has_notes) {
+absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(
+    const RenderFlags& flags, const client::RequestFlags& frame_flags, const std::string& dataset,
+    const v1::Camera& first, int i, bool has_notes) {
   ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(of_frame, dataset, first, flags.view.fit));
+                            client::MakeRequest(frame_flags, dataset, first, flags.view.fit));
   if (flags.sweep.is_step_sweep()) {
     request.mutable_selection()->set_time_step(flags.sweep.steps[static_cast<std::size_t>(i)]);
   }
@@ -320,10 +318,10 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(
   v1::RenderIsosurfaceResponse last;
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
-    const client::RequestFlags of_frame = RequestOfFrame(flags.sweep, flags.request, i);
+    const client::RequestFlags frame_flags = RequestOfFrame(flags.sweep, flags.request, i);
     ISOSCOPE_ASSIGN_OR_RETURN(
         const v1::RenderIsosurfaceRequest request,
-        MakeFrameRequest(flags, of_frame, subject.dataset.name(), camera, i, subject.has_notes));
+        MakeFrameRequest(flags, frame_flags, subject.dataset.name(), camera, i, subject.has_notes));
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
     if (i == 0 && flags.view.save_camera_file) {

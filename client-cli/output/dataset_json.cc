@@ -8,7 +8,6 @@
 #include "client-cli/output/dataset_json.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -22,8 +21,8 @@
 #include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/json_lines.h"
 #include "client-cli/output/label_json.h"
-#include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/volume/label.h"
@@ -41,20 +40,6 @@ Json ToJson(const v1::Vec3& v) { return Json::array({v.x() + 0.0, v.y() + 0.0, v
 // "SAMPLE_TYPE_UINT8" becomes "uint8".
 std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
   return absl::AsciiStrToLower(absl::StripPrefix(name, prefix));
-}
-
-// "1 x 2 x 3": the numbers of an array, joined.
-std::string Joined(const Json& array, absl::string_view separator) {
-  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
-    // As JSON, an infinite number is null.
-    const bool is_infinite = element.is_number_float() && std::isinf(element.get<double>());
-    absl::StrAppend(out, is_infinite ? absl::StrCat(element.get<double>()) : element.dump());
-  });
-}
-
-// A text member made printable: names and messages come from servers and files.
-std::string Text(const Json& object, const char* key) {
-  return base::Printable(object.at(key).get<std::string>());
 }
 
 // Adds "sample_dims", "spacing", "origin", "direction".
@@ -86,44 +71,38 @@ void AddFiniteRange(const Message& message, Json* json) {
   }
 }
 
-Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
-
 // Adds "length_unit", "time_unit", "fields", "time_steps", as SeriesDirectoryToJson.
 void AddFields(const v1::Dataset& dataset, Json* json) {
   (*json)["length_unit"] = TextOrNull(dataset.length_unit());
   (*json)["fields"] = Json::array();
   for (const v1::Field& field : dataset.fields()) {
-    Json of_field{{"name", field.name()},
-                  {"long_name", TextOrNull(field.long_name())},
-                  {"unit", TextOrNull(field.unit())}};
-    of_field["components"] = Json::array();
+    Json field_json{{"name", field.name()},
+                    {"long_name", TextOrNull(field.long_name())},
+                    {"unit", TextOrNull(field.unit())}};
+    field_json["components"] = Json::array();
     for (const v1::FieldComponent& component : field.components()) {
-      Json of_component{{"name", component.name()}};
+      Json component_json{{"name", component.name()}};
       AddSamples(component.sample_type(), component.has_value_range(),
-                 component.value_range().min(), component.value_range().max(), &of_component);
-      AddFiniteRange(component, &of_component);
-      of_component["max_gradient_magnitude"] = component.has_max_gradient_magnitude()
-                                                   ? Json(component.max_gradient_magnitude())
-                                                   : Json(nullptr);
-      of_field["components"].push_back(std::move(of_component));
+                 component.value_range().min(), component.value_range().max(), &component_json);
+      AddFiniteRange(component, &component_json);
+      component_json["max_gradient_magnitude"] = component.has_max_gradient_magnitude()
+                                                     ? Json(component.max_gradient_magnitude())
+                                                     : Json(nullptr);
+      field_json["components"].push_back(std::move(component_json));
     }
-    of_field["time_steps"] = Json::array();
+    field_json["time_steps"] = Json::array();
     for (const int index : field.time_steps()) {
       if (index >= 0 && index < dataset.time_steps_size()) {
-        of_field["time_steps"].push_back(dataset.time_steps(index).number());
+        field_json["time_steps"].push_back(dataset.time_steps(index).number());
       }
     }
-    (*json)["fields"].push_back(std::move(of_field));
+    (*json)["fields"].push_back(std::move(field_json));
   }
   (*json)["time_steps"] = Json::array();
   for (const v1::TimeStep& step : dataset.time_steps()) {
     (*json)["time_steps"].push_back({{"number", step.number()}, {"value", step.value()}});
   }
   (*json)["time_unit"] = TextOrNull(dataset.time_unit());
-}
-
-void AddLine(absl::string_view name, const std::string& value, std::string* text) {
-  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
 }
 
 // Adds the lines for the members of AddGeometry and AddSamples.
@@ -197,18 +176,18 @@ Json DatasetToJson(const v1::Dataset& dataset) {
 Json VolumeToJson(const source::VolumeSource& source,
                   const std::optional<source::ValueRange>& values) {
   Json json;
-  json["name"] = source.name();
-  AddGeometry(wire::ToProto(source.geometry()), &json);
+  json["name"] = source.info().name;
+  AddGeometry(wire::ToProto(source.info().geometry), &json);
   const source::ValueRange known = values.value_or(source::ValueRange());
   const volume::ScalarSpan& range = known.span;
-  AddSamples(wire::ToProto(source.scalar_type()), range.min <= range.max, range.min, range.max,
+  AddSamples(wire::ToProto(source.info().type), range.min <= range.max, range.min, range.max,
              &json);
   if (values.has_value()) {
     json["infinite_count"] = known.infinite_count;
   } else {
     json.erase("value_range");
   }
-  if (const std::string note = source.note(); !note.empty()) {
+  if (const std::string& note = source.info().note; !note.empty()) {
     json["note"] = note;
   }
   return json;

@@ -112,12 +112,12 @@ absl::Status AnnotatePng(const client::Annotations& annotations,
     ISOSCOPE_ASSIGN_OR_RETURN(
         const frame::ColorBy color_by,
         wire::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
-    client::SurfaceColoring& of_scene = scene.colorings.emplace_back();
-    of_scene = {static_cast<std::size_t>(coloring.surface_index()), color_by,
-                FieldTitle(dataset, color_by)};
+    client::SurfaceColoring& scene_coloring = scene.colorings.emplace_back();
+    scene_coloring = {static_cast<std::size_t>(coloring.surface_index()), color_by,
+                      FieldTitle(dataset, color_by)};
     if (coloring.shows_nan()) {
       ISOSCOPE_ASSIGN_OR_RETURN(
-          of_scene.nan_color,
+          scene_coloring.nan_color,
           wire::ColorFromProto(coloring.nan_color(), "the response's colorings.nan_color"));
     }
   }

@@ -14,8 +14,8 @@
 #include "absl/strings/str_join.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/json_lines.h"
 #include "client-cli/output/label_json.h"
-#include "core/base/printable.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 #include "core/io/file.h"
@@ -29,22 +29,6 @@ namespace {
 Json ArrayOf(const math::Index3& v) { return Json::array({v.x, v.y, v.z}); }
 // Adding 0 makes -0 the 0 that people expect.
 Json ArrayOf(const math::Vec3d& v) { return Json::array({v.x + 0.0, v.y + 0.0, v.z + 0.0}); }
-Json TextOrNull(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
-
-std::string ListOf(const Json& array, absl::string_view separator) {
-  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
-    absl::StrAppend(out, element.dump());
-  });
-}
-
-std::string PrintableText(const Json& object, const char* key) {
-  const Json& value = object.at(key);
-  return value.is_string() ? base::Printable(value.get<std::string>()) : std::string();
-}
-
-void AddSeriesLine(absl::string_view name, const std::string& value, std::string* text) {
-  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
-}
 
 // The range and the greatest gradient of a component over all steps.
 struct OverSteps {
@@ -88,19 +72,19 @@ Json FieldsToJson(const store::SeriesManifest& series) {
       std::set_intersection(steps.begin(), steps.end(), over.steps.begin(), over.steps.end(),
                             std::back_inserter(common));
       steps = std::move(common);
-      Json of_component{{"name", component.name},
-                        {"sample_type", std::string(volume::NameOf(component.scalar_type))},
-                        {"value_range", over.range.min <= over.range.max
-                                            ? Json::array({over.range.min, over.range.max})
-                                            : Json(nullptr)}};
+      Json component_json{{"name", component.name},
+                          {"sample_type", std::string(volume::NameOf(component.scalar_type))},
+                          {"value_range", over.range.min <= over.range.max
+                                              ? Json::array({over.range.min, over.range.max})
+                                              : Json(nullptr)}};
       if (const auto& component_served = served.fields(i).components(j);
           component_served.has_finite_range()) {
         const isoscope::v1::ValueRange& finite = component_served.finite_range();
-        of_component["finite_range"] = Json::array({finite.min(), finite.max()});
+        component_json["finite_range"] = Json::array({finite.min(), finite.max()});
       }
-      of_component["max_gradient_magnitude"] =
+      component_json["max_gradient_magnitude"] =
           over.gradient.has_value() ? Json(*over.gradient) : Json(nullptr);
-      json["components"].push_back(std::move(of_component));
+      json["components"].push_back(std::move(component_json));
     }
     json["time_steps"] = steps;
     fields.push_back(std::move(json));
@@ -156,7 +140,7 @@ std::string DescribeTimes(const Json& series) {
     }
     times.push_back(steps[i].at("value").dump());
   }
-  const std::string unit = PrintableText(series, "time_unit");
+  const std::string unit = Text(series, "time_unit");
   return absl::StrCat(absl::StrJoin(times, ", "), unit.empty() ? "" : " ", unit);
 }
 
@@ -165,10 +149,10 @@ std::vector<std::string> DescribeMissing(const Json& missing) {
   constexpr std::size_t kMaxSteps = 8;
   std::vector<std::pair<std::string, std::vector<std::string>>> groups;
   for (const Json& volume : missing) {
-    const std::string component = PrintableText(volume, "component");
-    const std::string shards = ListOf(volume.at("shards"), ", ");
+    const std::string component = Text(volume, "component");
+    const std::string shards = Joined(volume.at("shards"), ", ");
     const std::string what =
-        absl::StrCat(PrintableText(volume, "field"), component.empty() ? "" : " ", component, "|",
+        absl::StrCat(Text(volume, "field"), component.empty() ? "" : " ", component, "|",
                      shards.empty() ? "" : absl::StrCat(" in shards ", shards));
     auto group = std::find_if(groups.begin(), groups.end(),
                               [&](const auto& known) { return known.first == what; });
@@ -196,9 +180,9 @@ std::vector<std::string> DescribeMissing(const Json& missing) {
 std::string DescribeSteps(const Json& series) {
   std::string text;
   const std::size_t step_count = series.at("time_steps").size();
-  AddSeriesLine("steps", step_count == 0 ? "1, without a time" : absl::StrCat(step_count), &text);
+  AddLine("steps", step_count == 0 ? "1, without a time" : absl::StrCat(step_count), &text);
   if (step_count > 0) {
-    AddSeriesLine("times", DescribeTimes(series), &text);
+    AddLine("times", DescribeTimes(series), &text);
   }
   return text;
 }
@@ -211,18 +195,17 @@ std::string DescribeFields(const Json& series, int max_width) {
                                   {.title = "values", .is_left = true},
                                   {.title = "steps"}});
   for (const Json& field : series.at("fields")) {
-    const std::string long_name = PrintableText(field, "long_name");
-    std::string name = absl::StrCat(PrintableText(field, "name"),
+    const std::string long_name = Text(field, "long_name");
+    std::string name = absl::StrCat(Text(field, "name"),
                                     long_name.empty() ? "" : absl::StrCat(" (", long_name, ")"));
     std::string steps = absl::StrCat(field.at("time_steps").size());
     for (const Json& component : field.at("components")) {
       const Json& range = component.at("value_range");
-      table.AddRow({name, PrintableText(component, "name"), PrintableText(field, "unit"),
-                    PrintableText(component, "sample_type"),
-                    range.is_null()
-                        ? "none that is finite"
-                        : absl::StrCat(range[0].get<double>(), " to ", range[1].get<double>()),
-                    steps});
+      table.AddRow(
+          {name, Text(component, "name"), Text(field, "unit"), Text(component, "sample_type"),
+           range.is_null() ? "none that is finite"
+                           : absl::StrCat(range[0].get<double>(), " to ", range[1].get<double>()),
+           steps});
       name.clear();
       steps.clear();
     }
@@ -281,35 +264,35 @@ Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
 std::string DescribeSeries(const Json& series, int max_width) {
   std::string text;
   const auto line = [&text](absl::string_view name, const std::string& value) {
-    AddSeriesLine(name, value, &text);
+    AddLine(name, value, &text);
   };
-  line("dataset", PrintableText(series, "name"));
-  line("id", PrintableText(series, "dataset_id"));
-  line("source", PrintableText(series, "source"));
-  line("samples", ListOf(series.at("sample_dims"), " x "));
-  const std::string unit = PrintableText(series, "length_unit");
-  line("spacing", absl::StrCat(ListOf(series.at("spacing"), ", "), unit.empty() ? "" : " ", unit));
-  line("origin", ListOf(series.at("origin"), ", "));
+  line("dataset", Text(series, "name"));
+  line("id", Text(series, "dataset_id"));
+  line("source", Text(series, "source"));
+  line("samples", Joined(series.at("sample_dims"), " x "));
+  const std::string unit = Text(series, "length_unit");
+  line("spacing", absl::StrCat(Joined(series.at("spacing"), ", "), unit.empty() ? "" : " ", unit));
+  line("origin", Joined(series.at("origin"), ", "));
   line("direction",
        absl::StrJoin(series.at("direction"), "; ", [](std::string* out, const Json& column) {
-         absl::StrAppend(out, ListOf(column, ", "));
+         absl::StrAppend(out, Joined(column, ", "));
        }));
   if (series.at("patient_frame").is_string()) {
-    line("patient", absl::StrCat(PrintableText(series, "patient_frame"), " are world +x, +y, +z"));
+    line("patient", absl::StrCat(Text(series, "patient_frame"), " are world +x, +y, +z"));
   }
   absl::StrAppend(&text, DescribeSteps(series));
   for (const std::string& missing : DescribeMissing(series.at("missing_volumes"))) {
     line("missing", missing);
   }
   line("blocks", absl::StrCat(FormatCount(series.at("block_count").get<std::int64_t>()), " of ",
-                              ListOf(series.at("block_cells"), " x "), " cells"));
+                              Joined(series.at("block_cells"), " x "), " cells"));
   const Json& missing = series.at("missing_shards");
   line("shards",
        absl::StrCat(
            series.at("shard_count").dump(),
-           missing.empty() ? std::string() : absl::StrCat(", missing: ", ListOf(missing, ", "))));
+           missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
   line("distribution",
-       absl::StrCat(PrintableText(series, "distribution"), ", seed ", series.at("seed").dump()));
+       absl::StrCat(Text(series, "distribution"), ", seed ", series.at("seed").dump()));
   absl::StrAppend(&text, "\n", DescribeFields(series, max_width));
   if (!series.at("shards").empty()) {
     Table table({"shard", "volumes", "size"});

@@ -15,11 +15,17 @@ namespace isoscope::cli {
 // The members of DatasetDirectoryToJson without samples_digest, sample_type, value_range and
 // max_gradient_magnitude; shards are [{"shard", "volume_count", "file_bytes"}]. And
 //
-//   "length_unit", "time_unit"   null if unknown
-//   "fields"    [{"name", "long_name", "unit", "components": [{"name", "sample_type",
-//               "value_range", "finite_range", "max_gradient_magnitude"}], "time_steps"}]; ranges
-//               are over all steps; finite_range as in DatasetToJson; time_steps are the numbers of
-//               those at which the field is there with all components
+//   "length_unit"       null if unknown
+//   "time_unit"         null if unknown
+//   "fields"            [{
+//     "name"            of the field
+//     "long_name"
+//     "unit"
+//     "components"      [{"name", "sample_type", "value_range", "finite_range",
+//                       "max_gradient_magnitude"}]; ranges are over all steps; finite_range as in
+//                       DatasetToJson
+//     "time_steps"      numbers of the steps at which the field is there with all components
+//                       }]
 //   "time_steps"        [{"number", "value"}]; empty: one step without a time
 //   "missing_volumes"   [{"field", "component", "step", "shards"}]: the shards of this folder that
 //                       lack the volume; all if the series has none

@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/output/json_lines.h"
 #include "core/base/printable.h"
 #include "core/base/shell_word.h"
 #include "core/base/units.h"
@@ -25,10 +26,6 @@ namespace {
 double StoredSamples(std::int64_t size, std::int64_t cells) {
   const std::int64_t blocks = (size - 2) / cells + 1;
   return static_cast<double>(size - 1 + 3 * blocks - 2);
-}
-
-void AddSourceLine(absl::string_view name, const std::string& value, std::string* text) {
-  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
 }
 
 std::string FieldsText(const Json& fields) {
@@ -59,12 +56,12 @@ void AddRangeLines(const Json& volume, std::string* text) {
   constexpr int kMaxLines = 50;
   const auto steps = volume.at("value_range_steps").get<std::size_t>();
   if (steps == 0) {
-    AddSourceLine("values", "not read: --values reads them all", text);
+    AddLine("values", "not read: --values reads them all", text);
     return;
   }
   const char* label = "values";
   if (steps < volume.at("time_steps").size()) {
-    AddSourceLine(label, "of the first step; --values reads all steps", text);
+    AddLine(label, "of the first step; --values reads all steps", text);
     label = "";
   }
   int lines = 0;
@@ -72,11 +69,11 @@ void AddRangeLines(const Json& volume, std::string* text) {
     const Json& components = field.at("components");
     for (std::size_t i = 0; i < components.size(); ++i) {
       if (++lines > kMaxLines) {
-        AddSourceLine("", "and more: --json tells all", text);
+        AddLine("", "and more: --json tells all", text);
         return;
       }
       const auto component = components.at(i).get<std::string>();
-      AddSourceLine(
+      AddLine(
           label,
           base::Printable(absl::StrCat(
               field.at("name").get<std::string>(), component.empty() ? "" : ":", component, "  ",
@@ -94,7 +91,7 @@ struct DrawnField {
 };
 
 DrawnField DrawnFieldOf(const source::VolumeSeries& series, const SourceRanges& ranges) {
-  const std::vector<source::SourceField>& fields = series.fields();
+  const std::vector<source::SourceField>& fields = series.info().fields;
   if (ranges.steps == 0) {
     return {
         .flag = fields.size() > 1 ? absl::StrCat(" --field ", base::ShellWord(fields[0].name)) : "",
@@ -149,8 +146,8 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
                Json* volume) {
   (*volume)["fields"] = Json::array();
   std::int64_t volumes = 0;
-  for (std::size_t i = 0; i < series.fields().size(); ++i) {
-    const source::SourceField& field = series.fields()[i];
+  for (std::size_t i = 0; i < series.info().fields.size(); ++i) {
+    const source::SourceField& field = series.info().fields[i];
     Json described = {{"name", field.name}, {"unit", field.unit}, {"components", field.components}};
     if (ranges.steps > 0) {
       described["value_ranges"] = Json::array();
@@ -165,12 +162,12 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
     volumes += static_cast<std::int64_t>(field.components.size()) +
                (field.components.size() > 1 ? 1 : 0);  // and the magnitude
   }
-  volumes *= series.step_count();
-  (*volume)["time_steps"] = series.times();
-  (*volume)["time_unit"] = series.time_unit();
-  (*volume)["length_unit"] = series.length_unit();
+  volumes *= series.info().step_count();
+  (*volume)["time_steps"] = series.info().times;
+  (*volume)["time_unit"] = series.info().time_unit;
+  (*volume)["length_unit"] = series.info().length_unit;
   const PartitionNeeds needs =
-      EstimatePartition(first.geometry().sample_dims, first.scalar_type(), volumes);
+      EstimatePartition(first.info().geometry.sample_dims, first.info().type, volumes);
   (*volume)["partition"] = {{"disk_bytes", needs.disk_bytes},
                             {"memory_bytes", needs.memory_bytes},
                             {"seconds", needs.seconds}};
@@ -200,39 +197,38 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
 
 std::string DescribeSource(const Json& volume) {
   std::string text;
-  AddSourceLine("fields", FieldsText(volume.at("fields")), &text);
-  AddSourceLine("steps", StepsText(volume), &text);
+  AddLine("fields", FieldsText(volume.at("fields")), &text);
+  AddLine("steps", StepsText(volume), &text);
   if (volume.contains("value_range_steps")) {
     AddRangeLines(volume, &text);
   }
   const std::string unit = base::Printable(volume.at("length_unit").get<std::string>());
   if (!unit.empty()) {
-    AddSourceLine("unit", absl::StrCat(unit, " of spacing and origin"), &text);
+    AddLine("unit", absl::StrCat(unit, " of spacing and origin"), &text);
   }
   const Json& needs = volume.at("partition");
   const double seconds = needs.at("seconds").get<double>();
-  AddSourceLine("partition",
-                absl::StrFormat("about %s on disk, %s of memory at most, %s",
-                                FormatMebibytes(needs.at("disk_bytes").get<std::int64_t>()),
-                                FormatMebibytes(needs.at("memory_bytes").get<std::int64_t>()),
-                                seconds < 1 ? "a second" : absl::StrFormat("%.0f s", seconds)),
-                &text);
+  AddLine("partition",
+          absl::StrFormat("about %s on disk, %s of memory at most, %s",
+                          FormatMebibytes(needs.at("disk_bytes").get<std::int64_t>()),
+                          FormatMebibytes(needs.at("memory_bytes").get<std::int64_t>()),
+                          seconds < 1 ? "a second" : absl::StrFormat("%.0f s", seconds)),
+          &text);
   const char* name = "draw";
   if (volume.at("commands").empty()) {
-    AddSourceLine(name, "nothing: no two finite samples differ, so no isovalue has a surface",
-                  &text);
+    AddLine(name, "nothing: no two finite samples differ, so no isovalue has a surface", &text);
   }
   for (const Json& command : volume.at("commands")) {
-    AddSourceLine(name, base::Printable(command.get<std::string>()), &text);
+    AddLine(name, base::Printable(command.get<std::string>()), &text);
     name = "";
   }
   return text;
 }
 
-Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries) {
+Json SeriesEntriesToJson(const std::vector<source::SeriesEntry>& entries) {
   Json json;
   json["series"] = Json::array();
-  for (const source::DicomSeriesEntry& entry : entries) {
+  for (const source::SeriesEntry& entry : entries) {
     json["series"].push_back({{"number", entry.number},
                               {"description", entry.description},
                               {"uid", entry.uid},
@@ -245,7 +241,7 @@ Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries) {
   return json;
 }
 
-std::string DescribeDicomSeries(const Json& json, const std::string& input) {
+std::string DescribeSeriesEntries(const Json& json, const std::string& input) {
   const Json& all = json.at("series");
   const bool has_folders = std::any_of(all.begin(), all.end(), [](const Json& series) {
     return !series.at("folder").get<std::string>().empty();

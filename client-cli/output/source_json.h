@@ -11,9 +11,9 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "client-cli/output/dataset_json.h"
-#include "core/formats/dicom/dicom_folder.h"
 #include "core/math/vec.h"
 #include "core/source/adapt/value_range.h"
+#include "core/source/series_entry.h"
 #include "core/source/volume_series.h"
 #include "core/volume/scalar_type.h"
 
@@ -49,9 +49,9 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
 std::string DescribeSource(const Json& volume);
 
 // {"series": [{"number", "description", "uid", "width", "height", "images", "first_file"}]}.
-Json DicomSeriesToJson(const std::vector<source::DicomSeriesEntry>& entries);
+Json SeriesEntriesToJson(const std::vector<source::SeriesEntry>& entries);
 // A line for each, and the command that chooses one.
-std::string DescribeDicomSeries(const Json& json, const std::string& input);
+std::string DescribeSeriesEntries(const Json& json, const std::string& input);
 
 }  // namespace isoscope::cli
 

@@ -277,11 +277,11 @@ absl::Status CheckUsage(const SweepFlags& flags, const std::string& output) {
 
 client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,
                                     int i) {
-  client::RequestFlags of_frame = request;
+  client::RequestFlags frame_flags = request;
   if (flags.is_isovalue_sweep()) {
-    of_frame.isovalue = flags.isovalues->At(i);
+    frame_flags.isovalue = flags.isovalues->At(i);
   }
-  return of_frame;
+  return frame_flags;
 }
 
 view::Camera CameraOfFrame(const SweepFlags& flags, const view::Camera& camera, int i) {

@@ -64,11 +64,11 @@ int Lock(int descriptor, int operation) {
 
 // Returns true if `path` names the file that `descriptor` has open.
 bool IsFileAt(const std::string& path, int descriptor) {
-  struct stat of_path {};
-  struct stat of_descriptor {};
-  return stat(path.c_str(), &of_path) == 0 && fstat(descriptor, &of_descriptor) == 0 &&
-         std::tie(of_path.st_dev, of_path.st_ino) ==
-             std::tie(of_descriptor.st_dev, of_descriptor.st_ino);
+  struct stat path_stat {};
+  struct stat descriptor_stat {};
+  return stat(path.c_str(), &path_stat) == 0 && fstat(descriptor, &descriptor_stat) == 0 &&
+         std::tie(path_stat.st_dev, path_stat.st_ino) ==
+             std::tie(descriptor_stat.st_dev, descriptor_stat.st_ino);
 }
 
 // Returns the total size of all files below `directory` that can be read.

@@ -59,8 +59,8 @@ void WarnIfIncomplete(const std::string& directory, const Context& context) {
 }
 
 void PrintNote(const source::VolumeSource& source, const Context& context) {
-  if (const std::string note = source.note(); !note.empty()) {
-    *context.err << "isoscope: " << base::Printable(absl::StrCat(source.name(), ": ", note))
+  if (const std::string& note = source.info().note; !note.empty()) {
+    *context.err << "isoscope: " << base::Printable(absl::StrCat(source.info().name, ": ", note))
                  << std::endl;
   }
 }
@@ -87,11 +87,11 @@ absl::StatusOr<store::Manifest> PartitionVolume(const source::OpenRequest& reque
                                                 const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
                             source::OpenIdentified(request));
-  const std::vector<source::SourceField>& fields = source->fields();
-  if (fields.size() > 1 || fields[0].components.size() > 1 || source->step_count() > 1) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(request.path, ": holds ", source::DescribeFields(fields), " at ",
-                     source->step_count(), " steps: name one volume of it, or partition it first"));
+  const std::vector<source::SourceField>& fields = source->info().fields;
+  if (fields.size() > 1 || fields[0].components.size() > 1 || source->info().step_count() > 1) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        request.path, ": holds ", source::DescribeFields(fields), " at ",
+        source->info().step_count(), " steps: name one volume of it, or partition it first"));
   }
   return PartitionVolume(*source, std::move(options), context);
 }

@@ -125,7 +125,7 @@ absl::Status MakeDatasetOf(const source::OpenRequest& request, const WantedVolum
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<source::VolumeSeries> series,
                             source::OpenIdentified(request));
   ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
-  if (source::IsOneVolume(*series)) {
+  if (source::IsOneVolume(series->info())) {
     return PartitionVolume(*series, options, context).status();
   }
   ChosenVolumes chosen = ChooseAllVolumes(*series);
@@ -135,12 +135,12 @@ absl::Status MakeDatasetOf(const source::OpenRequest& request, const WantedVolum
   // By the fields that are left: their numbers count these alone.
   std::set<std::pair<std::string, int>> names;
   for (const auto& [field, step] : chosen.volumes) {
-    names.emplace(series->fields()[static_cast<std::size_t>(field)].name, step);
+    names.emplace(series->info().field(field).name, step);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       series, source::SelectFrom(std::move(series), {.fields = std::move(chosen.fields)}));
   const auto wants = [&](int field, int step) {
-    return names.contains({series->fields()[static_cast<std::size_t>(field)].name, step});
+    return names.contains({series->info().field(field).name, step});
   };
   const std::string directory = options.output_directory;
   ISOSCOPE_RETURN_IF_ERROR(PartitionSeries(SeriesAction::kMake, *series,

@@ -19,16 +19,12 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
-#include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/format_table.h"
 #include "core/formats/label_names.h"
 #include "core/formats/refused_formats.h"
 #include "core/formats/source_labels.h"
-#include "core/formats/vtk/vtk_image.h"
 #include "core/io/file.h"
-#include "core/source/bytes/raw_file.h"
-#include "core/source/hdf5/hdf5_path.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -170,61 +166,52 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& nam
               "byte order (default: little)"));
   add(AddFlag(set, "--header-bytes", "N", &flags->header_bytes, ParseHeaderBytes,
               "bytes before the first sample (default: 0)"));
-  const auto of_grid = [](Flag flag) { flag.Group("World positions, in place of the file's"); };
-  of_grid(AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, client::ParsePositiveVector,
-                  "world units between samples of the file, before --crop and --stride (default: "
-                  "as the file says; of a raw file 1,1,1)"));
-  of_grid(AddFlag(set, "--origin", "X,Y,Z", &flags->origin, client::ParseVector,
-                  "world position of the first sample of the file (default: as the file says; of a "
-                  "raw file 0,0,0)"));
-  of_grid(AddFlag(set, "--direction", "XX,XY,XZ,YX,...", &flags->direction, ParseDirection,
-                  "world directions of the axes: nine numbers, row by row, as ITK and VTK have "
-                  "them; each column is an axis, of length 1 (default: as the file says)"));
-  const auto of_any = [](Flag flag) { flag.Group("Parts of a source"); };
-  of_any(AddFlag(set, "--crop", "X0:X1,Y0:Y1,Z0:Z1", &flags->crop, source::ParseSampleBox,
-                 "samples X0 to X1 - 1 of each axis, in place of all; they keep their positions"));
-  of_any(AddFlag(set, "--stride", "N", &flags->stride, ParseStride,
-                 "every Nth sample on each axis; values are picked, not averaged"));
-  of_any(AddFlag(set, "--fill", "VALUE", &flags->fill, client::ParseNumber,
-                 "samples of this value become NaN: holes in the surface"));
-  of_any(set->AddSwitch("--ignore-shear", &flags->ignores_shear,
-                        "take the nearest right angles where the axes of the source have none"));
-  of_any(set->AddSwitch("--resample", &flags->resamples,
-                        "interpolate samples at uneven distances onto even ones"));
-  of_any(AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
-                 "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
-                 "them)"));
-  of_any(AddFlag(set, names.axes, "AXES", &flags->axes, ParseAxes,
-                 "the axes of an HDF5 dataset or a netCDF variable, slowest first, of the letters "
-                 "T (time), C (component), Z, Y, X, and - for one of 1 element; for the pages of a "
-                 "TIFF stack T, C and Z with counts, as TC3Z20 (default: as the file says)"));
-  of_any(
+  const auto in_grid_group = [](Flag flag) {
+    flag.Group("World positions, in place of the file's");
+  };
+  in_grid_group(
+      AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, client::ParsePositiveVector,
+              "world units between samples of the file, before --crop and --stride (default: "
+              "as the file says; of a raw file 1,1,1)"));
+  in_grid_group(
+      AddFlag(set, "--origin", "X,Y,Z", &flags->origin, client::ParseVector,
+              "world position of the first sample of the file (default: as the file says; of a "
+              "raw file 0,0,0)"));
+  in_grid_group(
+      AddFlag(set, "--direction", "XX,XY,XZ,YX,...", &flags->direction, ParseDirection,
+              "world directions of the axes: nine numbers, row by row, as ITK and VTK have "
+              "them; each column is an axis, of length 1 (default: as the file says)"));
+  const auto in_source_group = [](Flag flag) { flag.Group("Parts of a source"); };
+  in_source_group(
+      AddFlag(set, "--crop", "X0:X1,Y0:Y1,Z0:Z1", &flags->crop, source::ParseSampleBox,
+              "samples X0 to X1 - 1 of each axis, in place of all; they keep their positions"));
+  in_source_group(AddFlag(set, "--stride", "N", &flags->stride, ParseStride,
+                          "every Nth sample on each axis; values are picked, not averaged"));
+  in_source_group(AddFlag(set, "--fill", "VALUE", &flags->fill, client::ParseNumber,
+                          "samples of this value become NaN: holes in the surface"));
+  in_source_group(
+      set->AddSwitch("--ignore-shear", &flags->ignores_shear,
+                     "take the nearest right angles where the axes of the source have none"));
+  in_source_group(set->AddSwitch("--resample", &flags->resamples,
+                                 "interpolate samples at uneven distances onto even ones"));
+  in_source_group(
+      AddFlag(set, "--series", "N|UID", &flags->dicom_series, ParseText,
+              "which DICOM series of the folder, by number or UID ('isoscope info FOLDER' lists "
+              "them)"));
+  in_source_group(
+      AddFlag(set, names.axes, "AXES", &flags->axes, ParseAxes,
+              "the axes of an HDF5 dataset or a netCDF variable, slowest first, of the letters "
+              "T (time), C (component), Z, Y, X, and - for one of 1 element; for the pages of a "
+              "TIFF stack T, C and Z with counts, as TC3Z20 (default: as the file says)"));
+  in_source_group(
       AddFlag(set, names.format, "NAME", &flags->format, ParseFormatName,
               "read the file as this format ('isoscope info --list-formats' lists them; default: "
               "as the name says, else the content)"));
-  of_any(AddFlag(set, "--label-names", "FILE", &flags->label_names, ParseText,
-                 "names and colours of sample values, in place of those of the file: lines of a "
-                 "FreeSurfer colour table, of an ITK-SNAP label description, or "
-                 "VALUE,NAME[,#rrggbb]"));
-}
-
-bool HasSelfDescribingName(const std::string& path) {
-  source::Hdf5Path hdf5;
-  source::PartPath vti;
-  if (source::SplitHdf5Path(path, &hdf5) || source::SplitVtkImagePath(path, &vti)) {
-    return true;
-  }
-  if (source::FindFormatFileByName(path).has_value()) {
-    return true;
-  }
-  const std::string name = absl::AsciiStrToLower(path);
-  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz", ".nrrd",
-                             ".nhdr", ".mha", ".mhd", ".vti", ".dcm", ".tif", ".tiff"}) {
-    if (absl::EndsWith(name, ending)) {
-      return true;
-    }
-  }
-  return false;
+  in_source_group(
+      AddFlag(set, "--label-names", "FILE", &flags->label_names, ParseText,
+              "names and colours of sample values, in place of those of the file: lines of a "
+              "FreeSurfer colour table, of an ITK-SNAP label description, or "
+              "VALUE,NAME[,#rrggbb]"));
 }
 
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
@@ -238,7 +225,7 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
                                    : flags.dicom_series ? "--series"
                                                         : flags.names.axes));
   }
-  if (HasSelfDescribingName(path)) {
+  if (source::NamesFormat(path)) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
                                    "' carries its own dimensions and type"));
   }
@@ -364,10 +351,7 @@ absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const source::OpenRequ
   if (request.raw.has_value()) {
     return std::vector<volume::Label>();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::string file, source::PathOf(request));
-  if (!request.dicom_series.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(file, source::FindDicomSeriesFile(file, request.dicom_series));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, source::PathOfLabels(request));
   absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
   if (labels.ok()) {
     return labels;

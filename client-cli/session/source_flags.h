@@ -59,9 +59,6 @@ struct SourceFlags {
 // `flags` must outlive the parsing.
 void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& names = {});
 
-// Returns true if the suffix is that of a format with its own dimensions and type.
-bool HasSelfDescribingName(const std::string& path);
-
 // UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 

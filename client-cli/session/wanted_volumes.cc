@@ -22,7 +22,7 @@ using source::SourceField;
 using source::VolumeSeries;
 
 absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& source) {
-  const std::vector<SourceField>& fields = source.fields();
+  const std::vector<SourceField>& fields = source.info().fields;
   const auto found =
       volume::FindFieldName(text, [&](absl::string_view name) -> std::optional<std::size_t> {
         const auto field = std::find_if(fields.begin(), fields.end(),
@@ -32,9 +32,9 @@ absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& sourc
                    : std::optional<std::size_t>(static_cast<std::size_t>(field - fields.begin()));
       });
   if (!found.has_value()) {
-    return absl::InvalidArgumentError(absl::StrCat(source.name(), ": no field \"", text,
+    return absl::InvalidArgumentError(absl::StrCat(source.info().name, ": no field \"", text,
                                                    "\"; it has ", source::DescribeFields(fields),
-                                                   source::OtherGridAdvice(source, text)));
+                                                   source::OtherGridAdvice(source.info(), text)));
   }
   // A number names a component, too.
   const std::vector<std::string>& components = fields[found->field].components;
@@ -46,7 +46,7 @@ absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& sourc
         (absl::SimpleAtoi(found->component, &number) && number < components.size())));
   if (!found->component.empty() && !is_component) {
     return absl::InvalidArgumentError(absl::StrCat(
-        source.name(), ": field \"", fields[found->field].name, "\" has no component \"",
+        source.info().name, ": field \"", fields[found->field].name, "\" has no component \"",
         found->component, "\"; it has ",
         components.size() > 1 ? absl::StrCat(absl::StrJoin(components, ", "), " and magnitude")
                               : "one, without a name"));
@@ -66,23 +66,23 @@ int NearestStep(double time, const std::vector<double>& times) {
 
 absl::StatusOr<std::vector<int>> ChooseSteps(const WantedVolumes& wanted,
                                              const VolumeSeries& source) {
-  const int count = source.step_count();
+  const int count = source.info().step_count();
   if (wanted.steps) {
     return wanted.steps(count);
   }
   const client::SelectionFlags& selection = wanted.selection;
   if (selection.time) {
-    if (source.times().empty()) {
+    if (source.info().times.empty()) {
       return absl::InvalidArgumentError(
-          absl::StrCat(source.name(), ": --time ", *selection.time,
+          absl::StrCat(source.info().name, ": --time ", *selection.time,
                        ": it has one step, without a time; leave --time out"));
     }
-    return std::vector<int>{NearestStep(*selection.time, source.times())};
+    return std::vector<int>{NearestStep(*selection.time, source.info().times)};
   }
   const std::int64_t step = selection.step.value_or(-1);
   if (step >= count) {
     return absl::NotFoundError(
-        absl::StrCat(source.name(), ": --step ", step, ": it has ",
+        absl::StrCat(source.info().name, ": --step ", step, ": it has ",
                      count == 1 ? "step 0 alone" : absl::StrCat("steps 0 to ", count - 1)));
   }
   return std::vector<int>{step < 0 ? count - 1 : static_cast<int>(step)};
@@ -95,23 +95,24 @@ std::string TextOf(const std::set<std::pair<int, int>>& volumes, const VolumeSer
     steps[field].push_back(step);
   }
   std::string text;
-  for (const auto& [field, of_field] : steps) {
-    const std::string& name = source.fields()[static_cast<std::size_t>(field)].name;
-    const bool has_all = static_cast<int>(of_field.size()) == source.step_count();
+  for (const auto& [field, field_steps] : steps) {
+    const std::string& name = source.info().field(field).name;
+    const bool has_all = static_cast<int>(field_steps.size()) == source.info().step_count();
     absl::StrAppend(&text, name.size(), " ", name, " ",
-                    has_all ? "all" : absl::StrJoin(of_field, ","), "; ");
+                    has_all ? "all" : absl::StrJoin(field_steps, ","), "; ");
   }
   return text;
 }
 
 ChosenVolumes Finish(std::set<std::pair<int, int>> volumes, const VolumeSeries& source) {
   ChosenVolumes chosen;
-  const bool is_default = volumes == std::set<std::pair<int, int>>{{0, source.step_count() - 1}};
+  const bool is_default =
+      volumes == std::set<std::pair<int, int>>{{0, source.info().step_count() - 1}};
   chosen.text = is_default ? "" : TextOf(volumes, source);
-  for (int field = 0; field < static_cast<int>(source.fields().size()); ++field) {
+  for (int field = 0; field < static_cast<int>(source.info().fields.size()); ++field) {
     if (std::any_of(volumes.begin(), volumes.end(),
                     [&](const auto& volume) { return volume.first == field; })) {
-      chosen.fields.push_back(source.fields()[static_cast<std::size_t>(field)].name);
+      chosen.fields.push_back(source.info().field(field).name);
     }
   }
   chosen.volumes = std::move(volumes);
@@ -121,7 +122,7 @@ ChosenVolumes Finish(std::set<std::pair<int, int>> volumes, const VolumeSeries& 
 // Of what no flag has chosen.
 std::string NoteOf(const WantedVolumes& wanted, int field, const std::vector<int>& steps,
                    const VolumeSeries& source) {
-  const std::vector<SourceField>& fields = source.fields();
+  const std::vector<SourceField>& fields = source.info().fields;
   std::vector<std::string> parts;
   std::vector<std::string> flags;
   if (fields.size() > 1 && !wanted.selection.field) {
@@ -130,8 +131,8 @@ std::string NoteOf(const WantedVolumes& wanted, int field, const std::vector<int
     flags.emplace_back("--field");
   }
   const bool has_step = wanted.steps || wanted.selection.step || wanted.selection.time;
-  if (source.step_count() > 1 && !has_step) {
-    parts.push_back(absl::StrCat("step ", steps[0], " of 0 to ", source.step_count() - 1));
+  if (source.info().step_count() > 1 && !has_step) {
+    parts.push_back(absl::StrCat("step ", steps[0], " of 0 to ", source.info().step_count() - 1));
     flags.emplace_back("--step");
   }
   return parts.empty() ? ""
@@ -174,11 +175,10 @@ absl::StatusOr<ChosenVolumes> ChooseVolumes(const WantedVolumes& wanted,
     ISOSCOPE_ASSIGN_OR_RETURN(main_field, FindField(text, source));
   }
   if (wanted.selection.component) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        FindField(absl::StrCat(source.fields()[static_cast<std::size_t>(main_field)].name, ":",
-                               *wanted.selection.component),
-                  source)
-            .status());
+    ISOSCOPE_RETURN_IF_ERROR(FindField(absl::StrCat(source.info().field(main_field).name, ":",
+                                                    *wanted.selection.component),
+                                       source)
+                                 .status());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<int> steps, ChooseSteps(wanted, source));
   std::set<std::pair<int, int>> volumes;
@@ -186,7 +186,7 @@ absl::StatusOr<ChosenVolumes> ChooseVolumes(const WantedVolumes& wanted,
     for (const int step : steps) {
       volumes.emplace(field, step);
     }
-    for (int step = 0; needs_all_steps && step < source.step_count(); ++step) {
+    for (int step = 0; needs_all_steps && step < source.info().step_count(); ++step) {
       volumes.emplace(field, step);
     }
   };
@@ -195,8 +195,8 @@ absl::StatusOr<ChosenVolumes> ChooseVolumes(const WantedVolumes& wanted,
     ISOSCOPE_ASSIGN_OR_RETURN(const int field, FindField(color.text, source));
     add(field, color.needs_all_steps);
   }
-  for (int field = 0; wanted.needs_all_fields && field < static_cast<int>(source.fields().size());
-       ++field) {
+  for (int field = 0;
+       wanted.needs_all_fields && field < static_cast<int>(source.info().fields.size()); ++field) {
     add(field, false);
   }
   ChosenVolumes chosen = Finish(std::move(volumes), source);
@@ -206,8 +206,8 @@ absl::StatusOr<ChosenVolumes> ChooseVolumes(const WantedVolumes& wanted,
 
 ChosenVolumes ChooseAllVolumes(const VolumeSeries& source) {
   std::set<std::pair<int, int>> volumes;
-  for (int field = 0; field < static_cast<int>(source.fields().size()); ++field) {
-    for (int step = 0; step < source.step_count(); ++step) {
+  for (int field = 0; field < static_cast<int>(source.info().fields.size()); ++field) {
+    for (int step = 0; step < source.info().step_count(); ++step) {
       volumes.emplace(field, step);
     }
   }

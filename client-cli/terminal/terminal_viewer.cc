@@ -436,10 +436,11 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
   const std::unique_ptr<client::InteractStream> stream = session->client().Interact();
   Viewer viewer(dataset, volume, isovalue, has_notes, tty.fd(), *terminal, stream.get());
   const absl::Status status = viewer.Run(context.interrupt->cancellation());
-  const absl::Status of_stream = stream->Finish();
+  const absl::Status stream_status = stream->Finish();
   ISOSCOPE_RETURN_IF_ERROR(status);
   if (viewer.was_ended_by_server()) {
-    return of_stream.ok() ? absl::UnavailableError("the server has ended the view") : of_stream;
+    return stream_status.ok() ? absl::UnavailableError("the server has ended the view")
+                              : stream_status;
   }
   *context.out << "the last view, for isoscope render: " << FlagsOfFrame(viewer.Frame())
                << std::endl;

@@ -2,14 +2,15 @@
 // @ts-check
 
 import { COLOR_MAP_POINTS } from './color-maps.js';
-import { make, page } from './elements.js';
+import { byId, make, page } from './elements.js';
 import { basisOf } from './isoscope-view.js';
 import { isNothing, isOfLabels } from './label-sets.js';
 import { announcer, say } from './messages.js';
 import { change, finiteRangeOf, shown } from './page-view.js';
+import { COLOR_MAPS, EFFECTS } from './parameters.js';
 import { legendOf } from './series.js';
 import { format, fromHex, percent, toHex } from './values.js';
-import { COLOR_MAPS, defaultNanColor, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, stateToHash } from './view-state.js';
+import { defaultNanColor, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, stateToHash } from './view-state.js';
 
 /** @param {boolean} [isMoving] */
 function changeColorBy(isMoving) {
@@ -61,8 +62,11 @@ export function listenToLook() {
   page.nanDefault.onclick = () => change({ nanColor: undefined });
   page.background.oninput = () => change({ backgroundColor: fromHex(page.background.value) }, true);
   page.lights.onchange = () => change({ lights: LIGHTS[page.lights.value] });
-  page.occlusion.onchange = () => change({ ambientOcclusion: page.occlusion.checked ? { radiusPx: 32 } : undefined });
-  page.silhouette.onchange = () => change({ silhouette: page.silhouette.checked ? { widthPx: 2 } : undefined });
+  page.effects.replaceChildren(...EFFECTS.map(({ flag, json, title, values: [first] }) => {
+    const onchange = (/** @type {any} */ { target }) =>
+      change({ [json]: target.checked ? { [first.json]: Number(first.initial) } : undefined });
+    return make('label', { className: 'switch' }, make('input', { id: flag, type: 'checkbox', onchange }), make('span', {}, title));
+  }));
   page.samples.onchange = () => change({ samples: page.samples.value === '1' ? undefined : Number(page.samples.value) });
   page.box.onchange = () => shown.decorate({ box: page.box.checked });
   page.parallel.onchange = () => {
@@ -101,8 +105,7 @@ export function drawLook() {
   page.background.value = toHex(state.backgroundColor);
   const words = lightWords(state.lights);
   page.lights.value = Object.keys(LIGHTS).find((name) => lightWords(LIGHTS[name]) === words) ?? 'custom';
-  page.occlusion.checked = Boolean(state.ambientOcclusion);
-  page.silhouette.checked = Boolean(state.silhouette);
+  EFFECTS.forEach(({ flag, json }) => { byId(flag, HTMLInputElement).checked = Boolean(state[json]); });
   page.samples.value = String(state.samples || 1);
   page.box.checked = shown.decorations.box;
   page.parallel.checked = (shown.camera?.height ?? 0) > 0;

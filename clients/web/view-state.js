@@ -6,10 +6,10 @@
 
 import { colorFromText } from './css-colors.js';
 import { MAX_SURFACES, inOrder, isOfLabels, textOfValues, valuesOfText } from './label-sets.js';
+import { COLOR_MAPS, EFFECTS } from './parameters.js';
 
 /** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
 
-export const COLOR_MAPS = ['viridis', 'magma', 'cividis', 'turbo', 'cool-warm', 'grey'];
 /** @type {Record<string, string>} */
 const QUANTITIES = {
   x: 'QUANTITY_POSITION_X', y: 'QUANTITY_POSITION_Y', z: 'QUANTITY_POSITION_Z', normal: 'QUANTITY_NORMAL',
@@ -76,6 +76,15 @@ function paintToWords(color) {
   return color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : '';
 }
 
+/**
+ * The values of an effect, "32,0.5" or "2:1,0,0": those at the end that it does not have are left out.
+ * @param {import('./parameters.js').Effect} effect @param {any} message
+ */
+const effectToWords = ({ values }, message) => values.reduceRight((words, { json, kind, initial }, i) => {
+  const value = kind === 'color' ? message[json] && rgb(message[json]) : kind === 'whole' ? message[json] || null : message[json];
+  return value == null && words === '' && i > 0 ? '' : `${i === 0 ? '' : kind === 'color' ? ':' : ','}${value ?? initial}${words}`;
+}, '');
+
 /** @param {any} colorBy */
 function colorByToWords(colorBy) {
   const quantity = colorBy?.quantity === 'QUANTITY_FIELD' ? fieldToWord(colorBy) : quantityFromJson(colorBy?.quantity);
@@ -123,10 +132,8 @@ const FLAG_VALUES = {
     `${vec(direction)}:${intensity ?? 1}${color ? `:${rgb(color)}` : ''}`),
   'light-space': ({ lights }) => lights?.[0]?.space === 'SPACE_WORLD' ? ['world'] : [],
   samples: ({ samples }) => samples > 1 ? [String(samples)] : [],
-  'ambient-occlusion': ({ ambientOcclusion: effect }) =>
-    effect ? [`${effect.radiusPx || 32}${effect.strength == null ? '' : `,${effect.strength}`}`] : [],
-  silhouette: ({ silhouette }) =>
-    silhouette ? [`${silhouette.widthPx || 2}${silhouette.color ? `:${rgb(silhouette.color)}` : ''}`] : [],
+  ...Object.fromEntries(EFFECTS.map((effect) => [effect.flag, (/** @type {FrameRequest} */ state) =>
+    state[effect.json] ? [effectToWords(effect, state[effect.json])] : []])),
   'max-layers': ({ maxLayers }) => maxLayers ? [String(maxLayers)] : [],
   background: ({ backgroundColor: color }) => color ? [`${rgb(color)}${color.alpha === 1 ? '' : `,${color.alpha ?? 0}`}`] : [],
 };
@@ -220,6 +227,22 @@ class Link {
     }
     const v = this.numbers(name, text, 3, 4);
     return v && { red: v[0], green: v[1], blue: v[2], alpha: v[3] ?? alpha };
+  }
+}
+
+/**
+ * Reads the values of an effect: numbers with commas between them, then a colour after ':'.
+ * @param {import('./parameters.js').Effect} effect @param {Link} link @param {string} value
+ */
+function readEffect({ flag, json, values }, link, value) {
+  const tinted = values.find(({ kind }) => kind === 'color');
+  const counted = values.filter((one) => one !== tinted);
+  const [text, color] = tinted ? value.split(':') : [value];
+  const numbers = text ? link.numbers(flag, text, 1, counted.length) : [Number(counted[0].initial)];
+  const tint = color === undefined ? undefined : link.color(flag, color);
+  if (numbers && tint !== null) {
+    const given = numbers.map((number, i) => [counted[i].json, counted[i].kind === 'whole' ? Math.round(number) : number]);
+    link.state[json] = { ...Object.fromEntries(given), ...(tinted && tint ? { [tinted.json]: tint } : {}) };
   }
 }
 
@@ -348,20 +371,8 @@ const WORDS = {
       link.state.samples = samples[0];
     }
   },
-  'ambient-occlusion': (link, value) => {
-    const v = value ? link.numbers('ambient-occlusion', value, 1, 2) : [32];
-    if (v) {
-      link.state.ambientOcclusion = { radiusPx: Math.round(v[0]), ...(v.length > 1 ? { strength: v[1] } : {}) };
-    }
-  },
-  silhouette: (link, value) => {
-    const [width, color] = value.split(':');
-    const widthPx = width ? link.numbers('silhouette', width, 1) : [2];
-    const tint = color === undefined ? undefined : link.color('silhouette', color);
-    if (widthPx && tint !== null) {
-      link.state.silhouette = { widthPx: Math.round(widthPx[0]), ...(tint ? { color: tint } : {}) };
-    }
-  },
+  ...Object.fromEntries(EFFECTS.map((effect) => [effect.flag, (/** @type {Link} */ link, /** @type {string} */ value) =>
+    readEffect(effect, link, value)])),
   'max-layers': (link, value) => {
     const layers = link.numbers('max-layers', value, 1);
     link.state.maxLayers = layers ? Math.round(layers[0]) : undefined;
@@ -374,7 +385,7 @@ const WORDS = {
 };
 
 /** Words that mean something without a value. */
-const ALONE = ['caps', 'ambient-occlusion', 'silhouette'];
+const ALONE = ['caps', ...EFFECTS.map(({ flag }) => flag)];
 
 /**
  * Returns the state of the part of an address after '#', and a sentence for each part that is wrong

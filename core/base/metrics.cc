@@ -79,19 +79,19 @@ std::vector<MetricSample> CountersByName::Samples() const {
 }
 
 void RequestMetrics::Count(std::size_t method, absl::StatusCode code, absl::Duration duration) {
-  ISOSCOPE_CHECK(method < of_method_.size());
+  ISOSCOPE_CHECK(method < method_metrics_.size());
   const auto number = static_cast<std::size_t>(code);
-  of_method_[method]
+  method_metrics_[method]
       .by_code[number < kCodeCount ? number : static_cast<std::size_t>(absl::StatusCode::kUnknown)]
       .Add();
-  of_method_[method].duration.Observe(duration);
+  method_metrics_[method].duration.Observe(duration);
 }
 
 std::vector<MetricSample> RequestMetrics::Counts() const {
   std::vector<MetricSample> samples;
   for (std::size_t i = 0; i < methods_.size(); ++i) {
     for (std::size_t code = 0; code < kCodeCount; ++code) {
-      const std::int64_t count = of_method_[i].by_code[code].value();
+      const std::int64_t count = method_metrics_[i].by_code[code].value();
       if (count > 0 || code == 0) {
         samples.push_back(MetricSample::Of(
             static_cast<double>(count),
@@ -106,7 +106,7 @@ std::vector<MetricSample> RequestMetrics::Counts() const {
 std::vector<MetricSample> RequestMetrics::Durations() const {
   std::vector<MetricSample> samples;
   for (std::size_t i = 0; i < methods_.size(); ++i) {
-    samples.push_back(MetricSample::Of(of_method_[i].duration, {{"method", methods_[i]}}));
+    samples.push_back(MetricSample::Of(method_metrics_[i].duration, {{"method", methods_[i]}}));
   }
   return samples;
 }

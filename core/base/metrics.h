@@ -145,7 +145,8 @@ class CountersByName {
  public:
   static constexpr char kOtherName[] = "(other)";
 
-  // label: of the names. outcomes: the values of the label "outcome".
+  // label:    of the names
+  // outcomes: the values of the label "outcome"
   CountersByName(std::string label, std::vector<std::string> outcomes, std::size_t max_names);
 
   // outcome: index in the list.
@@ -166,7 +167,7 @@ class CountersByName {
 class RequestMetrics {
  public:
   explicit RequestMetrics(std::vector<std::string> methods)
-      : methods_(std::move(methods)), of_method_(methods_.size()) {}
+      : methods_(std::move(methods)), method_metrics_(methods_.size()) {}
 
   // `method`: index in the list.
   void Count(std::size_t method, absl::StatusCode code, absl::Duration duration);
@@ -178,13 +179,13 @@ class RequestMetrics {
 
  private:
   static constexpr std::size_t kCodeCount = 17;  // those of gRPC
-  struct OfMethod {
+  struct MethodMetrics {
     std::array<Counter, kCodeCount> by_code;
     DurationHistogram duration;
   };
 
   const std::vector<std::string> methods_;
-  std::deque<OfMethod> of_method_;
+  std::deque<MethodMetrics> method_metrics_;
 };
 
 // The metrics that every program has: version, start time and memory.

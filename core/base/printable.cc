@@ -1,3 +1,16 @@
+// All functions walk a text character by character. FirstOf decodes one, or marks one byte as no
+// UTF-8 (RFC 3629). Then each function copies, escapes or replaces it.
+//
+// Steering characters (kSteering) are never copied as they are:
+//
+//   0 to 1f, 7f to 9f          control characters: cursors, colours, ends of lines
+//   61c, 200e to 200f,
+//   202a to 202e, 2066 to 2069 marks of the direction of text, which can turn a name around
+//   2028, 2029                 separators of lines and paragraphs
+//   e0000 to e007f             tags, which no font shows
+//
+// Example: "a\x1b[2Jb" is "a?[2Jb" from Printable and "a\u001b[2Jb" from Escaped.
+
 #include "core/base/printable.h"
 
 #include <algorithm>

@@ -188,9 +188,9 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
   }
   const Command* command = commands.Find(name);
   if (command == nullptr) {
-    const std::string of_two_words = commands.List(name + " ");
-    if (!of_two_words.empty() && !rest.empty() && IsHelp(rest[0])) {
-      *context.out << "Commands:\n" << of_two_words;
+    const std::string two_word_commands = commands.List(name + " ");
+    if (!two_word_commands.empty() && !rest.empty() && IsHelp(rest[0])) {
+      *context.out << "Commands:\n" << two_word_commands;
       return absl::OkStatus();
     }
     return commands.Unknown(name);
@@ -221,9 +221,9 @@ ProgramDescription DescribeProgram(const Program& program) {
 int RunProgram(const Program& program, const std::vector<std::string>& arguments,
                const Context& context) {
   std::string command;
-  Context of_command = context;
-  of_command.program = &program;
-  const absl::Status status = Dispatch(CommandTable(program), arguments, &command, of_command);
+  Context command_context = context;
+  command_context.program = &program;
+  const absl::Status status = Dispatch(CommandTable(program), arguments, &command, command_context);
   context.out->flush();
   if (!status.ok()) {
     *context.err << FormatError(program.name, command, status) << std::endl;

@@ -340,14 +340,14 @@ end
     }
   }
   for (const CommandDescription& command : program.commands) {
-    const std::string of_command =
+    const std::string command_condition =
         command.name.empty()
             ? begin
             : absl::StrCat(begin, " -n ",
                            FishQuoted(absl::StrCat(is_command, " \"", command.name, "\"")));
     for (const FlagDescription& flag : command.flags) {
       if (!flag.names.empty() || flag.takes_files || flag.takes_folders || !flag.choices.empty()) {
-        absl::StrAppend(&text, FishFlag(of_command, flag));
+        absl::StrAppend(&text, FishFlag(command_condition, flag));
       }
     }
   }

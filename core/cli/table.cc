@@ -1,3 +1,13 @@
+// ToString, for a terminal of some width:
+//
+//   1. Widths gives each column the width of its longest cell. While the table is too wide, the
+//      widest column loses one character, down to its least width.
+//   2. If that is not enough, the columns are shown in parts, one below the other. Each part has
+//      the first column, and as many others as fit.
+//   3. Part wraps the cells of narrowed columns, and aligns them to the left.
+//
+// CutLines keeps one line for each row: flexible columns are cut, with ~ at the end.
+
 #include "core/cli/table.h"
 
 #include <algorithm>

@@ -95,8 +95,8 @@ void PrefetchRows(const base::LargePageVector<T>& plane, const TileArea& area, c
   constexpr std::size_t kLine = 64;
   const T* row = plane.data() + static_cast<std::size_t>(area.y) * static_cast<std::size_t>(width) +
                  static_cast<std::size_t>(area.x);
-  for (const std::uint16_t of_row : mask) {
-    if (of_row != 0) {
+  for (const std::uint16_t row_mask : mask) {
+    if (row_mask != 0) {
       const char* const bytes = reinterpret_cast<const char*>(row);
       for (std::size_t at = 0; at < kTilePx * sizeof(T); at += kLine) {
         __builtin_prefetch(bytes + at);

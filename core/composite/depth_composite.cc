@@ -31,8 +31,8 @@ bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std:
                 const std::uint64_t* from_keys, const image::Rgba8* from_colors,
                 std::uint64_t* keys, image::Rgba8* colors) {
   std::uint32_t ties = 0;
-  for (const std::uint32_t of_row : covered) {
-    if (of_row != 0) {
+  for (const std::uint32_t row_mask : covered) {
+    if (row_mask != 0) {
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
       const auto keep_half = [&](std::uint32_t half, const std::uint64_t* from,
                                  std::uint64_t* into) {
@@ -47,8 +47,8 @@ bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std:
         _mm512_mask_storeu_epi64(into, nearer, from_key);
         return static_cast<std::uint32_t>(nearer);
       };
-      std::uint32_t nearer = keep_half(of_row & 0xff, from_keys, keys);
-      nearer |= keep_half(of_row >> 8, from_keys + 8, keys + 8) << 8;
+      std::uint32_t nearer = keep_half(row_mask & 0xff, from_keys, keys);
+      nearer |= keep_half(row_mask >> 8, from_keys + 8, keys + 8) << 8;
       const auto lanes = static_cast<__mmask16>(nearer);
       _mm512_mask_storeu_epi32(colors, lanes, _mm512_maskz_loadu_epi32(lanes, from_colors));
 #else
@@ -125,17 +125,17 @@ void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
 }
 
 void CompositeTileRowInto(const image::LayerStack& from, int tile_row, image::LayerStack* into) {
-  for (const image::FrameImage* level : from.Levels()) {
-    level->touched.ForEachInRow(tile_row, [&](int column) {
-      const image::TileMask& covered = level->CoveredOf(column, tile_row);
+  for (const image::FrameImage* layer_image : from.LayerImages()) {
+    layer_image->touched.ForEachInRow(tile_row, [&](int column) {
+      const image::TileMask& covered = layer_image->CoveredOf(column, tile_row);
       for (int y = 0; y < kImageTilePx; ++y) {
         for (std::uint32_t rest = covered[static_cast<std::size_t>(y)]; rest != 0;
              rest &= rest - 1) {
           const int x_px = column * kImageTilePx + std::countr_zero(rest);
           const int y_px = tile_row * kImageTilePx + y;
-          const std::size_t pixel = level->IndexOf(x_px, y_px);
-          if (level->keys[pixel] != image::kBackgroundKey) {
-            into->Insert(x_px, y_px, level->keys[pixel], level->colors[pixel]);
+          const std::size_t pixel = layer_image->IndexOf(x_px, y_px);
+          if (layer_image->keys[pixel] != image::kBackgroundKey) {
+            into->Insert(x_px, y_px, layer_image->keys[pixel], layer_image->colors[pixel]);
           }
         }
       }

@@ -18,7 +18,7 @@ void CompositeInto(const image::FrameImage& from, const image::FragmentOrder& or
 // several.
 void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
                           const image::FragmentOrder& order, image::FrameImage* into);
-// Inserts the fragments of one row of tiles of all levels of `from` into `into`. Threads as above.
+// Inserts the fragments of a row of tiles of all images of `from` into `into`. Threads as above.
 void CompositeTileRowInto(const image::LayerStack& from, int tile_row, image::LayerStack* into);
 
 // Lays `image` over the background colour (straight alpha), in place. image->colors is then the

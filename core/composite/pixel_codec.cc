@@ -1,3 +1,16 @@
+// Encode, for one image:
+//
+//   1. FindCovered lists the covered tiles of each row, and counts their pixels, rows in parallel.
+//   2. CutIntoBands joins rows to bands. A band ends when it has enough pixels, or when the next
+//      row could exceed kMaxBandBytes in the worst case.
+//   3. EncodeBand (band_encoder.h) makes the bytes, bands in parallel.
+//
+// DecodePixelsInto, for one band:
+//
+//   1. DecodeBand (band_decoder.h) checks and decodes all of it before a pixel is composited.
+//   2. Row of tiles by row of tiles, with the row's lock, CompositeTile or InsertTile takes the
+//      tile's keys and colours, which lie one behind the other in the band.
+
 #include "core/composite/pixel_codec.h"
 
 #include <algorithm>
@@ -99,7 +112,7 @@ void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64
   }
 }
 
-// Inserts the covered pixels of one tile of a level.
+// Inserts the covered pixels of one tile of a layer image.
 void InsertTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
                 const image::Rgba8* color, image::LayerStack* layers) {
   for (std::size_t row = 0; row < mask.size(); ++row) {
@@ -133,9 +146,9 @@ std::vector<std::string> EncodePixels(const image::FrameImage& image) {
 
 std::vector<std::string> EncodeLayers(const image::LayerStack& layers) {
   std::vector<std::string> bands;
-  for (const image::FrameImage* level : layers.Levels()) {
-    std::vector<std::string> of_level = Encode(*level, /*is_layer=*/true);
-    std::move(of_level.begin(), of_level.end(), std::back_inserter(bands));
+  for (const image::FrameImage* layer_image : layers.LayerImages()) {
+    std::vector<std::string> image_bands = Encode(*layer_image, /*is_layer=*/true);
+    std::move(image_bands.begin(), image_bands.end(), std::back_inserter(bands));
   }
   return bands;
 }

@@ -27,7 +27,7 @@ namespace isoscope::composite {
 // pixel. Works in parallel, inside the caller's TBB arena. O(pixels of touched tiles).
 // Thread-safe.
 std::vector<std::string> EncodePixels(const image::FrameImage& image);
-// Encodes the levels of a stack in the same way. Thread-safe.
+// Encodes the images of a stack in the same way. Thread-safe.
 std::vector<std::string> EncodeLayers(const image::LayerStack& layers);
 inline constexpr std::int64_t kMaxBandBytes = std::int64_t{4} << 20;
 

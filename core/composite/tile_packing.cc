@@ -33,17 +33,18 @@ void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t strid
   static_assert(kTilePx == 16);
   const __m512i even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
   const __m512i odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
-  for (const std::uint32_t of_row : mask) {
-    if (of_row != 0) {
-      const __m512i left = _mm512_maskz_loadu_epi64(static_cast<__mmask8>(of_row), keys);
-      const __m512i right = _mm512_maskz_loadu_epi64(static_cast<__mmask8>(of_row >> 8), keys + 8);
+  for (const std::uint32_t row_mask : mask) {
+    if (row_mask != 0) {
+      const __m512i left = _mm512_maskz_loadu_epi64(static_cast<__mmask8>(row_mask), keys);
+      const __m512i right =
+          _mm512_maskz_loadu_epi64(static_cast<__mmask8>(row_mask >> 8), keys + 8);
       const auto pack = [&](__m512i half) {
-        return _mm512_maskz_compress_epi32(static_cast<__mmask16>(of_row),
+        return _mm512_maskz_compress_epi32(static_cast<__mmask16>(row_mask),
                                            _mm512_permutex2var_epi32(left, half, right));
       };
       _mm512_storeu_si512(owners, pack(even));
       _mm512_storeu_si512(depths, pack(odd));
-      const int count = std::popcount(of_row);
+      const int count = std::popcount(row_mask);
       owners += count;
       depths += count;
     }
@@ -56,13 +57,13 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
                 std::uint32_t* numbers) {
   static_assert(kTilePx == 16);
   const __m512i reversed = _mm512_set4_epi32(0x0c0d0e0f, 0x08090a0b, 0x04050607, 0x00010203);
-  for (const std::uint32_t of_row : mask) {
-    if (of_row != 0) {
-      const auto lanes = static_cast<__mmask16>(of_row);
+  for (const std::uint32_t row_mask : mask) {
+    if (row_mask != 0) {
+      const auto lanes = static_cast<__mmask16>(row_mask);
       const __m512i row = _mm512_maskz_loadu_epi32(lanes, colors);
       _mm512_storeu_si512(numbers,
                           _mm512_maskz_compress_epi32(lanes, _mm512_shuffle_epi8(row, reversed)));
-      numbers += std::popcount(of_row);
+      numbers += std::popcount(row_mask);
     }
     colors += stride;
   }
@@ -73,8 +74,8 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
 bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                   std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
   std::uint32_t ties = 0;
-  for (const std::uint32_t of_row : mask) {
-    if (of_row != 0) {
+  for (const std::uint32_t row_mask : mask) {
+    if (row_mask != 0) {
       const auto unpack_half = [&](std::uint32_t half, std::uint64_t* into) {
         const auto lanes = static_cast<__mmask8>(half);
         const __m512i key = _mm512_maskz_expandloadu_epi64(lanes, keys);
@@ -88,12 +89,12 @@ bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::
         keys += std::popcount(half);
         return static_cast<std::uint32_t>(nearer);
       };
-      std::uint32_t nearer = unpack_half(of_row & 0xff, into_keys);
-      nearer |= unpack_half(of_row >> 8, into_keys + 8) << 8;
+      std::uint32_t nearer = unpack_half(row_mask & 0xff, into_keys);
+      nearer |= unpack_half(row_mask >> 8, into_keys + 8) << 8;
       _mm512_mask_storeu_epi32(
           into_colors, static_cast<__mmask16>(nearer),
-          _mm512_maskz_expandloadu_epi32(static_cast<__mmask16>(of_row), colors));
-      colors += std::popcount(of_row);
+          _mm512_maskz_expandloadu_epi32(static_cast<__mmask16>(row_mask), colors));
+      colors += std::popcount(row_mask);
     }
     into_keys += stride;
     into_colors += stride;
@@ -105,8 +106,8 @@ bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::
 
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
               std::uint32_t* depths, std::uint32_t* owners) {
-  for (const std::uint32_t of_row : mask) {
-    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+  for (const std::uint32_t row_mask : mask) {
+    for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1) {
       const std::uint64_t key = keys[std::countr_zero(rest)];
       *depths++ = static_cast<std::uint32_t>(key >> 32);
       *owners++ = image::OwnerOf(key);
@@ -117,8 +118,8 @@ void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t strid
 
 void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
                 std::uint32_t* numbers) {
-  for (const std::uint32_t of_row : mask) {
-    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+  for (const std::uint32_t row_mask : mask) {
+    for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1) {
       *numbers++ = image::PackedColor(colors[std::countr_zero(rest)]);
     }
     colors += stride;
@@ -128,8 +129,8 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
 bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                   std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
   bool has_ties = false;
-  for (const std::uint32_t of_row : mask) {
-    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1, ++keys, ++colors) {
+  for (const std::uint32_t row_mask : mask) {
+    for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1, ++keys, ++colors) {
       const int column = std::countr_zero(rest);
       if (image::HaveEqualDepth(*keys, into_keys[column])) {
         has_ties = has_ties || *keys != into_keys[column];
@@ -178,8 +179,8 @@ bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::
 void SettleTies(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                 std::size_t stride, const image::FragmentOrder& order, std::uint64_t* into_keys,
                 image::Rgba8* into_colors) {
-  for (const std::uint32_t of_row : mask) {
-    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1, ++keys, ++colors) {
+  for (const std::uint32_t row_mask : mask) {
+    for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1, ++keys, ++colors) {
       const int column = std::countr_zero(rest);
       order.KeepFirst(*keys, *colors, into_keys + column, into_colors + column);
     }

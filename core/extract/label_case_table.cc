@@ -3,10 +3,9 @@
 //   1. Of each ambiguous face the same diagonal is joined in both, so that the loops are the same.
 //      Inside corners are joined where they lie on that diagonal.
 //   2. The choice among the triangulations of a loop knows no direction. It is that of
-//   case_table.cc
-//      up to ties: least difference of directions, then a volume near the middle. Among those that
-//      are equal in both, the smallest list of diagonals is taken, each diagonal its lower edge
-//      first, the list in ascending order.
+//      case_table.cc up to ties: least difference of directions, then a volume near the middle.
+//      Among those that are equal in both, the smallest list of diagonals is taken, each diagonal
+//      its lower edge first, the list in ascending order.
 //
 // By this rule every loop has a triangulation without a diagonal in a face of the cell. That is
 // not so for all ways of joining: if the two ambiguous faces of case 60 (corners 2, 3, 4 and 5)

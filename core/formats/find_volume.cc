@@ -1,214 +1,200 @@
-// The order, by name and content:
+// The order:
 //
-//   a pattern ("slice*.tif")      TIFF stack
-//   a folder, whatever its name   TIFF files if it has some, else a DICOM series, else slices, else
-//                                 DICOM series in folders below
-//   a pattern, or a slice         stack of pictures
-//   file.h5:/dataset, data*.h5    HDF5
-//   file.vti, file.vti:array      VTK ImageData, as are .pvti; .pvd
-//   .mrc, .tif and the like       the formats of the table
-//   .dcm, or the DICOM mark       the series of that file
-//   .nii, .hdr, .img              NIfTI or Analyze of the table, by content
-//   .nrrd, .mha, ...              NRRD, MetaImage
-//   any other name                the formats of the table, by content
+//   a folder, whatever its name   the row that finds its files in it, else those of folders below
+//   any other path                the row that finds its name, in the order of the table: "a.mrc",
+//                                 "a.h5:/dataset", "slice*.png"
+//   a name that formats share     the row whose mark or first bytes the file has, or its header
+//   a name of none                the same
 
 #include "core/formats/find_volume.h"
 
-#include <optional>
+#include <cstddef>
 #include <utility>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
-#include "core/formats/dicom/dicom_folder.h"
-#include "core/formats/hdf5/hdf5_file_series.h"
 #include "core/formats/medical/layout_formats.h"
 #include "core/formats/refused_formats.h"
-#include "core/formats/stacks/image_slices.h"
-#include "core/formats/vtk/vtk_image.h"
 #include "core/io/file.h"
+#include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
 #include "core/source/bytes/part_path.h"
-#include "core/source/hdf5/hdf5_path.h"
 
 namespace isoscope::source {
 namespace {
 
-// The readers of libraries would wait for a writer, or read without end.
-absl::Status CheckIsNoSpecialFile(const std::string& path) {
-  return io::IsDirectory(path) ? absl::OkStatus() : io::CheckIsRegularFile(path);
+constexpr std::size_t kHeadBytes = 1024;
+
+using MaybeFound = absl::StatusOr<std::optional<FoundVolume>>;
+
+FoundVolume FoundFile(const Format& format, const std::string& path) {
+  return {.format = &format, .request = {.path = path, .file = path, .files = {path}}};
 }
 
-bool IsTiffName(const std::string& path) {
-  return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
+const Format* FormatOfMark(const std::string& path, absl::Span<const Format> formats) {
+  for (const Format& format : formats) {
+    if (format.is_marked != nullptr && format.is_marked(path)) {
+      return &format;
+    }
+  }
+  return nullptr;
 }
 
-FoundVolume FoundFormatFile(FormatFile file) {
-  FoundVolume found{.kind = SourceKind::kFormatFile, .files = {file.file}};
-  found.format_file = std::move(file);
-  return found;
+const Format* FormatOfHead(const std::string& path, absl::Span<const Format> formats) {
+  const auto head = ReadFileStart(path, kHeadBytes);
+  if (!head.ok()) {
+    return nullptr;
+  }
+  for (const Format& format : formats) {
+    if (format.is_content != nullptr && !(format.is_plain && head->is_gzip) &&
+        format.is_content(head->bytes)) {
+      return &format;
+    }
+  }
+  return nullptr;
 }
 
-absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
-  std::vector<std::string> tiff_files = FilesNamed(path, IsTiffName);
-  if (!tiff_files.empty() && HasDicomFile(path)) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: a folder with %d TIFF files and DICOM files: give a pattern such as '%s/*.tif', or a "
-        "file of the series",
-        path, tiff_files.size(), path));
+// By its ending, with or without a part, or as the row finds it.
+absl::StatusOr<std::optional<FileRequest>> FindOfFormat(const Format& format,
+                                                        const std::string& path) {
+  if (format.find != nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileRequest> request, format.find(path));
+    if (request.has_value()) {
+      return request;
+    }
   }
-  if (!tiff_files.empty()) {
-    return FoundVolume{.kind = SourceKind::kTiff, .files = std::move(tiff_files)};
+  PartPath parts;
+  if (!SplitPartPath(path, format.endings, &parts)) {
+    return std::nullopt;
   }
-  if (HasDicomFile(path)) {
-    return FoundVolume{.kind = SourceKind::kDicom};
-  }
-  std::vector<std::string> slices = ImageSlicesNamed(path);
-  if (!slices.empty()) {
-    return FoundVolume{.kind = SourceKind::kImageSlices, .files = std::move(slices)};
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(parts.file));
+  return FileRequest{.path = path, .file = parts.file, .part = parts.part, .files = {parts.file}};
+}
+
+absl::StatusOr<FoundVolume> FindInFolder(const std::string& path,
+                                         absl::Span<const Format> formats) {
+  for (const Format& format : formats) {
+    if (format.find_in_folder != nullptr) {
+      ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileRequest> request, format.find_in_folder(path));
+      if (request.has_value()) {
+        return FoundVolume{.format = &format, .request = *std::move(request)};
+      }
+    }
   }
   if (const auto why = WhyRefused(path); why.has_value()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": ", *why));
   }
-  if (HasDicomFileBelow(path)) {
-    return FoundVolume{.kind = SourceKind::kDicom};
+  std::vector<std::string> wanted;
+  for (const Format& format : formats) {
+    if (format.is_below != nullptr && format.is_below(path)) {
+      return FoundVolume{.format = &format, .request = {.path = path, .file = path}};
+    }
+    if (!format.in_folder.empty()) {
+      wanted.push_back(format.in_folder);
+    }
   }
-  const std::string volumes = ListVolumesIn(path);
+  const std::string volumes = ListVolumesIn(path, formats);
   return absl::NotFoundError(absl::StrCat(
-      path, ": a folder with neither TIFF files (.tif .tiff), a DICOM series, nor slices (",
-      kImageSliceEndings, ") in it",
+      path, ": a folder with neither ", absl::StrJoin(wanted, ", nor "), " in it",
       volumes.empty() ? "" : absl::StrCat("; it holds ", volumes, ": give such a file")));
 }
 
-absl::StatusOr<FoundVolume> FindNifti(const std::string& path, bool is_forced) {
-  if (const std::string header = LayoutHeaderPath(path); !io::PathExists(header)) {
-    return absl::NotFoundError(
-        absl::StrFormat("%s: its NIfTI header %s does not exist; to read it as raw samples rename "
-                        "it to end in .raw, and give --dims and --type",
-                        path, header));
-  }
-  return FoundFormatFile(FindNiftiFile(path, is_forced));
-}
-
-// `format`: the one that it has, or not set if that is to be found out.
-absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path,
-                                           std::optional<FileFormat> format) {
-  if (!format.has_value()) {
-    format = SampleFormatOf(path);
-  }
-  if (!format.has_value()) {
-    if (std::optional<FormatFile> file = FindFormatFileByContent(path); file.has_value()) {
-      return FoundFormatFile(*std::move(file));
-    }
-    return UnknownKindOfFile(path);
-  }
-  return FoundVolume{.files = {path}, .sample_format = *format};
-}
-
 // Whatever the name and the content say.
-absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, const std::string& format) {
-  ISOSCOPE_RETURN_IF_ERROR(format == "dicom" && io::IsDirectory(path) ? absl::OkStatus()
-                                                                      : CheckIsFile(path));
-  if (const Format* const own = FindFormat(format); own != nullptr) {
-    return FoundFormatFile({.format = own, .file = path, .part = ""});
+absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, absl::string_view name,
+                                         absl::Span<const Format> formats) {
+  const Format* const format = FindFormat(name, formats);
+  if (format == nullptr || !format->opens_folders || !io::IsDirectory(path)) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
   }
-  if (const auto sample_format = SampleFormatFromName(format); sample_format.has_value()) {
-    return FindSampleFile(path, sample_format);
-  }
-  if (absl::EqualsIgnoreCase(format, "nifti")) {
-    return FindNifti(path, true);
-  }
-  if (format == "dicom") {
-    return FoundVolume{.kind = SourceKind::kDicom};
+  if (format != nullptr && format->is_forceable) {
+    return FoundFile(*format, path);
   }
   std::vector<std::string> names;
-  for (const FormatName& known : FormatNames()) {
+  for (const FormatName& known : FormatNames(formats)) {
     if (known.is_forceable) {
       names.push_back(known.name);
     }
   }
   return absl::InvalidArgumentError(
-      absl::StrFormat("--format %s: expected one of %s", format, absl::StrJoin(names, ", ")));
+      absl::StrFormat("--format %s: expected one of %s", name, absl::StrJoin(names, ", ")));
 }
 
 }  // namespace
 
-bool FoundVolume::has_field_names() const {
-  return kind == SourceKind::kHdf5 || kind == SourceKind::kVtkImage || kind == SourceKind::kPvd ||
-         (kind == SourceKind::kFormatFile && format_file.format->has_field_names);
+MaybeFound FindByName(const std::string& path, absl::Span<const Format> formats) {
+  for (const Format& format : formats) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FileRequest> request, FindOfFormat(format, path));
+    if (!request.has_value()) {
+      continue;
+    }
+    FoundVolume found{.format = &format, .request = *std::move(request)};
+    if (format.shares_names) {
+      // Samples beside their header have no first bytes of their own.
+      const Format* other = FormatOfMark(path, formats);
+      other = other == nullptr ? FormatOfHead(LayoutHeaderPath(path), formats) : other;
+      found.format = other == nullptr ? &format : other;
+    }
+    return found;
+  }
+  return std::nullopt;
 }
 
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckIsNoSpecialFile(path));
+std::optional<FoundVolume> FindByContent(const std::string& path,
+                                         absl::Span<const Format> formats) {
+  const Format* format = FormatOfMark(path, formats);
+  format = format == nullptr ? FormatOfHead(path, formats) : format;
+  // Samples without a mark, beside their header: the names of .rec files are also those of MRC
+  // tomograms, which have a mark.
+  if (const std::string header = LayoutHeaderPath(path); format == nullptr && header != path) {
+    format = FormatOfHead(header, formats);
+  }
+  return format == nullptr ? std::nullopt : std::optional(FoundFile(*format, path));
+}
+
+bool NamesFormat(const std::string& path, absl::Span<const Format> formats) {
+  const MaybeFound found = FindByName(path, formats);
+  return !found.ok() || found->has_value();
+}
+
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, absl::string_view format,
+                                       absl::Span<const Format> formats) {
+  // The readers of libraries would wait for a writer, or read without end.
+  const bool is_folder = io::IsDirectory(path);
+  ISOSCOPE_RETURN_IF_ERROR(is_folder ? absl::OkStatus() : io::CheckIsRegularFile(path));
   if (!format.empty()) {
-    return FindVolumeAs(path, format);
+    return FindVolumeAs(path, format, formats);
   }
-  const bool is_pattern = !io::PathExists(path) && path.find_first_of("*?") != path.npos;
-  if (is_pattern && IsTiffName(path)) {
-    return FoundVolume{.kind = SourceKind::kTiff, .files = FilesNamed(path, IsTiffName)};
+  if (is_folder) {
+    return FindInFolder(path, formats);
   }
-  if (io::IsDirectory(path)) {
-    return FindInFolder(path);
-  }
-  if (IsImageSliceName(path) && (io::PathExists(path) || is_pattern)) {
-    return FoundVolume{.kind = SourceKind::kImageSlices, .files = ImageSlicesNamed(path)};
-  }
-  Hdf5Path hdf5;
-  if (SplitHdf5Path(path, &hdf5)) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckIsNoSpecialFile(hdf5.file));
-    ISOSCOPE_ASSIGN_OR_RETURN(auto files, FilesOfHdf5Pattern(hdf5.file));
-    return FoundVolume{.kind = SourceKind::kHdf5,
-                       .files = files.value_or(std::vector<std::string>{hdf5.file})};
-  }
-  PartPath vtk;
-  if (SplitVtkImagePath(path, &vtk)) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(vtk.file));
-    return FoundVolume{.kind = SourceKind::kVtkImage, .files = {vtk.file}};
-  }
-  if (absl::EndsWithIgnoreCase(path, ".pvd")) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FoundVolume> found, FindByName(path, formats));
+  if (!found.has_value()) {
     ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
-    return FoundVolume{.kind = SourceKind::kPvd};
+    found = FindByContent(path, formats);
   }
-  if (std::optional<FormatFile> file = FindFormatFileByName(path); file.has_value()) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(file->file));
-    return FoundFormatFile(*std::move(file));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
-  if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
-    return FoundVolume{.kind = SourceKind::kDicom};
-  }
-  return HasNiftiName(path) ? FindNifti(path, false) : FindSampleFile(path, std::nullopt);
+  return found.has_value() ? absl::StatusOr<FoundVolume>(*std::move(found))
+                           : UnknownKindOfFile(path);
 }
 
-bool NamesDicomSeries(const std::string& path) {
-  const bool is_likely =
-      io::IsDirectory(path) || absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path);
-  if (!is_likely) {
-    return false;
-  }
-  const auto found = FindVolume(path);
-  return found.ok() && found->kind == SourceKind::kDicom;
+absl::StatusOr<std::vector<SeriesEntry>> ListSeries(const std::string& path,
+                                                    absl::Span<const Format> formats) {
+  const auto found = FindVolume(path, "", formats);
+  return found.ok() && found->format->list_series != nullptr ? found->format->list_series(path)
+                                                             : std::vector<SeriesEntry>();
 }
 
-std::vector<FormatName> FormatNames() {
-  std::vector<FormatName> names = {
-      {"nifti", ".nii .nii.gz .hdr .hdr.gz .img .img.gz"},
-      {"nrrd", ".nrrd .nhdr"},
-      {"metaimage", ".mha .mhd"},
-      {"dicom", "a folder of a series, or a file of it"},
-      {"vti", "file.vti[:array[:component]], .pvti, .pvd", false},
-      {"slices", absl::StrCat(kImageSliceEndings, ": a folder of them, or a pattern"), false},
-      {"hdf5", "file.h5:/dataset, .vtkhdf, .ims, openPMD: file.h5, or a pattern", false}};
-  for (const Format& format : Formats()) {
-    names.push_back({FormatNameOf(format),
-                     format.endings.empty()
-                         ? "by content"
-                         : absl::StrCat(absl::StrJoin(format.endings, " "), format.more_names)});
+absl::StatusOr<std::string> FindSeriesFile(const std::string& path, const std::string& choice,
+                                           absl::Span<const Format> formats) {
+  for (const Format& format : formats) {
+    if (format.find_series_file != nullptr) {
+      return format.find_series_file(path, choice);
+    }
   }
-  return names;
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": --series ", choice, ": no format has series to choose from"));
 }
 
 }  // namespace isoscope::source

@@ -3,57 +3,50 @@
 #ifndef ISOSCOPE_CORE_FORMATS_FIND_VOLUME_H_
 #define ISOSCOPE_CORE_FORMATS_FIND_VOLUME_H_
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 
 #include "core/formats/format_table.h"
-#include "core/formats/medical/sample_format.h"
+#include "core/source/series_entry.h"
 
 namespace isoscope::source {
 
-enum class SourceKind {
-  kTiff,         // a stack of TIFF files
-  kImageSlices,  // a stack of other pictures
-  kHdf5,         // a dataset or the meshes of a file, or of a pattern
-  kDicom,        // a series of a folder, or that of a file
-  kVtkImage,     // a .vti or .pvti
-  kPvd,          // a collection of VTK images
-  kFormatFile,   // a file of a format of the table
-  kSampleFile,   // NRRD or MetaImage
-};
-
+// A row of the table, which must outlive this, and what the path names of it.
 struct FoundVolume {
-  SourceKind kind = SourceKind::kSampleFile;
-  // TIFF: slices from the lowest up; kSampleFile: the header; kDicom, kPvd: none, since each
-  // file of the folder, or the collection, would be opened.
-  std::vector<std::string> files{};
-  FormatFile format_file{};                      // of a kFormatFile
-  FileFormat sample_format = FileFormat::kNrrd;  // of a kSampleFile
-
-  // Whether the source names its fields.
-  [[nodiscard]] bool has_field_names() const;
+  const Format* format = nullptr;
+  FileRequest request{};
 };
 
 // NOT_FOUND: nothing there. INVALID_ARGUMENT: unknown kind of file (lists those known, and says how
 // to read it as raw); a format that does not exist; a folder without a volume, or with several
 // kinds. FAILED_PRECONDITION: a pipe or a device. `format` forces one of those that FormatNames
 // lists; "": name and content decide.
-absl::StatusOr<FoundVolume> FindVolume(const std::string& path, const std::string& format = "");
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path, absl::string_view format = "",
+                                       absl::Span<const Format> formats = Formats());
 
-// Whether the path names a DICOM series: a folder that holds one and no TIFF files, or a file of
-// it.
-bool NamesDicomSeries(const std::string& path);
+// The row of which a name says to be, where a mark of HDF5 is as good as a name, and the row whose
+// content the file has; not set: none. FindByName: no such file, a folder, or a special file.
+absl::StatusOr<std::optional<FoundVolume>> FindByName(const std::string& path,
+                                                      absl::Span<const Format> formats = Formats());
+std::optional<FoundVolume> FindByContent(const std::string& path,
+                                         absl::Span<const Format> formats = Formats());
+// Whether a name says that the file has its own dimensions and type.
+bool NamesFormat(const std::string& path, absl::Span<const Format> formats = Formats());
 
-// A format of sources, as --list-formats has it.
-struct FormatName {
-  std::string name;   // "nrrd"
-  std::string files;  // names of its files, for people: ".nrrd .nhdr"
-  bool is_forceable =
-      true;  // else the name must say it, because a path can name a part of the file
-};
-std::vector<FormatName> FormatNames();
+// The series that --series can choose from in a folder, or at an index; empty if the path names no
+// volume of such a format, or a file of one series. Otherwise errors of the format.
+absl::StatusOr<std::vector<SeriesEntry>> ListSeries(const std::string& path,
+                                                    absl::Span<const Format> formats = Formats());
+
+// Returns a file of the series of that number or UID in a folder, beside files of other formats.
+// INVALID_ARGUMENT: no such series. Otherwise errors of the format.
+absl::StatusOr<std::string> FindSeriesFile(const std::string& path, const std::string& choice,
+                                           absl::Span<const Format> formats = Formats());
 
 }  // namespace isoscope::source
 

@@ -1,5 +1,6 @@
-// The table of the formats that our own readers open as series, and what they have in common: how
-// a path names a field, how content is recognised, what a single volume is.
+// The table of formats: a row each, in the order in which they are asked whether a path is theirs.
+// Opening, --format, --list-formats, messages and the table of docs/formats.md follow from it. A
+// new format is one room beside this file and one row.
 
 #ifndef ISOSCOPE_CORE_FORMATS_FORMAT_TABLE_H_
 #define ISOSCOPE_CORE_FORMATS_FORMAT_TABLE_H_
@@ -12,74 +13,97 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 
 #include "core/source/grid/grid_rules.h"
+#include "core/source/series_entry.h"
 #include "core/source/volume_series.h"
+#include "core/volume/label.h"
 
 namespace isoscope::source {
 
-// What a row of the table opens, and how.
+// What a path names, and how it is to be read.
 struct FileRequest {
-  std::string file;
-  std::string field{};  // the name of a field that the file does not name
-  std::string part{};   // that is wanted (FormatFile), for formats whose files have several grids
+  std::string path;                  // as it was given
+  std::string file;                  // the path without its part
+  std::string part{};                // a field ("velocity"), or a component ("velocity:y"); "": all
+  std::vector<std::string> files{};  // of a stack or a pattern, in order; else `file`
+  std::string field{};               // the name of a field that the file does not name
   GridRules rules{};
   std::string axes{};  // as SeriesOptions::axes; "": the file says it
 };
 
 struct Format {
-  absl::string_view name;            // "MRC"
-  std::vector<std::string> endings;  // in lower case: ".mrc", or HasEnding; none: content decides
-  bool has_field_names = false;      // else the only field has the name of the file
-  bool takes_axes = false;           // else the files say what their axes mean
-  absl::string_view more_names{};    // what else a path may be, for people
-  // True if the first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are
-  // of this format. Null: only the name tells.
+  absl::string_view name;              // "MRC"
+  std::vector<std::string> endings{};  // in lower case: ".mrc", or HasEnding; a part may be behind
+  std::string more_names{};            // what else a path may be, for people
+  bool is_forceable =
+      true;  // else the name must say it, because a path can name a part of the file
+
+  // The flags that it takes.
+  bool has_field_names = false;   // else the only field has the name of the file
+  absl::string_view axes_for{};   // what of it takes --axes; "": none, the files say what they mean
+  absl::string_view only_axes{};  // the only ones that it takes; "": any
+  bool shows_pictures = false;    // its files are pictures, which other programs show
+  bool opens_parts = false;       // `open` takes the part; else it is one of the fields opened
+
+  // How its files are known beside their endings; null: not so.
+  // A name that tells more than an ending. Errors stop the search.
+  absl::StatusOr<std::optional<FileRequest>> (*find)(const std::string& path) = nullptr;
+  // Files of other formats have such names, too: theirs are those whose content is.
+  bool shares_names = false;
+  // The first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are its own.
   bool (*is_content)(absl::string_view head) = nullptr;
+  bool is_plain = false;  // a stream of gzip is none of its files
+  // The file has a mark at another place. Goes before first bytes.
+  bool (*is_marked)(const std::string& path) = nullptr;
+
+  // Folders. A folder with its files is a volume. Null: none is.
+  absl::StatusOr<std::optional<FileRequest>> (*find_in_folder)(const std::string& folder) = nullptr;
+  std::string in_folder{};     // what it looks for, for people: "a DICOM series"
+  bool opens_folders = false;  // whatever is in them, if it is forced
+  // Whether folders below hold such files, which is looked for last. Null: they are not looked at.
+  bool (*is_below)(const std::string& folder) = nullptr;
+
   // Grids that are sheared or uneven are INVALID_ARGUMENT, unless the rules take them.
   absl::StatusOr<std::unique_ptr<VolumeSeries>> (*open)(const FileRequest& request) = nullptr;
-  // The files of the volumes, the header first. Null: `file` alone.
-  absl::StatusOr<std::vector<std::string>> (*find_files)(const std::string& file) = nullptr;
+  // The files of the volumes, the header first. Null: those of the request.
+  absl::StatusOr<std::vector<std::string>> (*find_files)(const FileRequest& request) = nullptr;
+  // The names of labels in files; null: the header file has them (source_labels.h).
+  absl::StatusOr<std::vector<volume::Label>> (*read_labels)(const std::string& path) = nullptr;
+
+  // Series among which --series chooses; null: there are none.
+  // Empty if the path is one file of a series.
+  absl::StatusOr<std::vector<SeriesEntry>> (*list_series)(const std::string& path) = nullptr;
+  // A file of the series of that number or UID.
+  absl::StatusOr<std::string> (*find_series_file)(const std::string& path,
+                                                  const std::string& choice) = nullptr;
 };
 
+// The built-in rows.
 const std::vector<Format>& Formats();
+
 // The name for --format: "legacy-vtk" of "legacy VTK".
 std::string FormatNameOf(const Format& format);
-// The one of that name; null if there is none.
-const Format* FindFormat(absl::string_view name);
-// "MRC (.mrc .map), ...", for messages and help.
-std::string ListedFormats();
+// The one of that name, in any case; null if there is none.
+const Format* FindFormat(absl::string_view name, absl::Span<const Format> formats = Formats());
+// "MRC (.mrc .map), ...": the formats that their endings tell, for help.
+std::string ListedFormats(absl::Span<const Format> formats = Formats());
+
+// A format of sources, as --list-formats has it.
+struct FormatName {
+  std::string name;          // "nrrd"
+  std::string files;         // names of its files, for people: ".nrrd .nhdr"
+  bool is_forceable = true;  // as Format
+};
+std::vector<FormatName> FormatNames(absl::Span<const Format> formats = Formats());
 
 // The name of the only field of a file: "head" of "/d/head.nii.gz" and of the folder "/d/head/".
-std::string FieldNameOf(absl::string_view path);
+std::string FieldNameOf(absl::string_view path, absl::Span<const Format> formats = Formats());
 
-// A file of such a format, and the part of it that the path names: a field ("velocity"), or a
-// component of one by name or number ("velocity:y", "velocity:1"); "" for all.
-struct FormatFile {
-  const Format* format = nullptr;
-  std::string file;
-  std::string part;
-};
-
-// Not set if the path has none of these endings, with or without a part.
-std::optional<FormatFile> FindFormatFileByName(const std::string& path);
-// The same by the content of an existing file; not set if it is of no such format, or can't be
-// read.
-std::optional<FormatFile> FindFormatFileByContent(const std::string& path);
-
-// A file that its name, or --format nifti, says to be of NIfTI: its content, and that of the header
-// beside samples, tells which version it is, or Analyze. Without `is_forced` it may be of any other
-// format, too. One that is of none is the row of NIfTI-1, whose reader says why it is not.
-FormatFile FindNiftiFile(const std::string& path, bool is_forced);
-
-// Opens the file, or its part as a series of one field. NOT_FOUND: no such file; no such field or
-// component (lists those there are). INVALID_ARGUMENT: axes for a format whose files say them.
-// Otherwise errors of the format.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFormatFile(const Format& format,
-                                                             const FileRequest& request);
-
-// INVALID_ARGUMENT: --axes for a file that says what its axes mean.
-absl::Status AxesHaveTheirMeaning(const std::string& path, const std::string& axes);
+// INVALID_ARGUMENT: --axes for a format whose files say what their axes mean, or that takes others.
+absl::Status CheckAxes(const Format& format, const std::string& path, const std::string& axes,
+                       absl::Span<const Format> formats = Formats());
 
 }  // namespace isoscope::source
 

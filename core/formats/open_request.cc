@@ -13,7 +13,6 @@
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
-#include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/open_volume.h"
 #include "core/formats/refused_formats.h"
@@ -89,7 +88,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenRaw(const OpenRequest& request
                      grid = request.grid]() -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, OpenRawFile(path, raw));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry placed,
-                              PlacedGrid(volume->geometry(), grid, path));
+                              PlacedGrid(volume->info().geometry, grid, path));
     return MoveSource(std::move(volume), placed);
   };
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume, open());
@@ -97,6 +96,18 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenRaw(const OpenRequest& request
                            .field = NameOfRawField(request.path),
                            .volume = std::move(volume),
                            .open = open});
+}
+
+// The path to open: that of the request, or that of a file of the series that dicom_series chooses
+// beside files of other formats.
+absl::StatusOr<std::string> PathOf(const OpenRequest& request, absl::Span<const Format> formats) {
+  if (request.dicom_series.empty()) {
+    return request.path;
+  }
+  const auto found = FindVolume(request.path, "", formats);
+  const bool is_of_series = found.ok() && found->format->find_series_file != nullptr;
+  return is_of_series ? absl::StatusOr<std::string>(request.path)  // its rules choose
+                      : FindSeriesFile(request.path, request.dicom_series, formats);
 }
 
 SeriesOptions OptionsOf(const OpenRequest& request) {
@@ -118,21 +129,11 @@ class IdentifiedSeries final : public VolumeSeries {
   // `files`: all, which had the `stamps` before the series was opened.
   IdentifiedSeries(std::unique_ptr<VolumeSeries> series, std::string description,
                    std::vector<std::string> files, absl::string_view stamps)
-      : series_(std::move(series)),
+      : VolumeSeries(series->info()),
+        series_(std::move(series)),
         description_(std::move(description)),
         all_files_(std::move(files)),
         stamps_of_all_(base::Sha256Hex(stamps)) {}
-
-  [[nodiscard]] const std::string& name() const override { return series_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override {
-    return series_->fields();
-  }
-  [[nodiscard]] const std::vector<double>& times() const override { return series_->times(); }
-  [[nodiscard]] const std::string& time_unit() const override { return series_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return series_->length_unit(); }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
-    return series_->FieldsElsewhere();
-  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     if (!stamps_of_steps_.contains(step)) {
       ISOSCOPE_RETURN_IF_ERROR(IdentityOfStep(step).status());
@@ -151,7 +152,7 @@ class IdentifiedSeries final : public VolumeSeries {
             .first->second;
     if (base::Sha256Hex(stamps) != before) {
       return absl::AbortedError(
-          absl::StrCat(name(),
+          absl::StrCat(info().name,
                        ": a file of it has changed since it was opened; run it again, once nobody "
                        "writes there"));
     }
@@ -200,27 +201,21 @@ absl::StatusOr<std::string> Describe(const OpenRequest& request) {
   return text;
 }
 
-absl::StatusOr<std::string> PathOf(const OpenRequest& request) {
-  // Rules name the series of a path that is DICOM. Else the folder may hold one beside other files.
-  return request.dicom_series.empty() || NamesDicomSeries(request.path)
-             ? absl::StatusOr<std::string>(request.path)
-             : FindDicomSeriesFile(request.path, request.dicom_series);
-}
-
-absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request) {
+absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request,
+                                                   absl::Span<const Format> formats) {
   std::unique_ptr<VolumeSeries> series;
   bool has_field_names = false;
   if (request.raw.has_value()) {
     ISOSCOPE_ASSIGN_OR_RETURN(series, OpenRaw(request));
   } else {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request, formats));
     const SeriesOptions options = OptionsOf(request);
-    const auto found = FindVolume(path, options.format);
+    auto found = FindVolume(path, options.format, formats);
     if (!found.ok()) {
-      return ExplainByContent(path, found.status());
+      return ExplainByContent(path, found.status(), formats);
     }
-    has_field_names = found->has_field_names();
-    ISOSCOPE_ASSIGN_OR_RETURN(series, OpenFoundVolume(path, *found, options));
+    has_field_names = found->format->has_field_names;
+    ISOSCOPE_ASSIGN_OR_RETURN(series, OpenFoundVolume(*std::move(found), options, formats));
     series = PlaceSeries(std::move(series), request.grid);
   }
   series = AdjustSeries(std::move(series), {.crop = request.crop,
@@ -233,23 +228,25 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request) {
                                         .time = request.time});
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& request) {
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& request,
+                                                             absl::Span<const Format> formats) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::string description, Describe(request));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files, FilesOf(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files, FilesOf(request, formats));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamps, StampsOf(files));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series, Open(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series, Open(request, formats));
   return std::make_unique<IdentifiedSeries>(std::move(series), std::move(description),
                                             std::move(files), stamps);
 }
 
-absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request) {
+absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request,
+                                                 absl::Span<const Format> formats) {
   std::vector<std::string> files;
   if (request.raw.has_value()) {
     files = {request.path};
   } else {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request));
-    ISOSCOPE_ASSIGN_OR_RETURN(files, FilesOfVolume(path, OptionsOf(request)));
-    if (std::optional<std::string> labels = FileOfSourceLabels(path);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request, formats));
+    ISOSCOPE_ASSIGN_OR_RETURN(files, FilesOfVolume(path, OptionsOf(request), formats));
+    if (std::optional<std::string> labels = FileOfSourceLabels(path, formats);
         labels.has_value() && std::find(files.begin(), files.end(), *labels) == files.end()) {
       files.push_back(*std::move(labels));
     }
@@ -258,6 +255,12 @@ absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request) {
     files.push_back(request.label_names);
   }
   return files;
+}
+
+absl::StatusOr<std::string> PathOfLabels(const OpenRequest& request,
+                                         absl::Span<const Format> formats) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::string path, PathOf(request, formats));
+  return request.dicom_series.empty() ? path : FindSeriesFile(path, request.dicom_series, formats);
 }
 
 }  // namespace isoscope::source

@@ -12,7 +12,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 
+#include "core/formats/format_table.h"
 #include "core/source/adapt/adjusted_source.h"
 #include "core/source/adapt/placed_source.h"
 #include "core/source/bytes/raw_file.h"
@@ -52,22 +54,26 @@ struct OpenRequest {
 // ResolvedPath.
 absl::StatusOr<std::string> Describe(const OpenRequest& request);
 
-// Opens the volumes. Errors as OpenVolumeSeries (open_volume.h), OpenRawFile, FindDicomSeriesFile,
+// Opens the volumes. Errors as OpenVolumeSeries (open_volume.h), OpenRawFile, FindSeriesFile,
 // AdjustSource, PlaceSource and SelectFrom. INVALID_ARGUMENT also: axes of a raw file.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request);
+absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request,
+                                                   absl::Span<const Format> formats = Formats());
 // The same, and looks at all files before: the series has IdentityOfStep, with the request and the
 // stamps. ABORTED, of IdentityOfStep: a file has changed since it was opened. Otherwise errors as
 // FilesOf, StampsOf and Describe, too.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& request);
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(
+    const OpenRequest& request, absl::Span<const Format> formats = Formats());
 
 // Returns all files that decide what Open gives, that of label_names included. While the list stays
 // the same, and each of them too (StampsOf), so do the volumes. Reads names and headers only.
 // Errors as Open, as far as they show.
-absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request);
+absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request,
+                                                 absl::Span<const Format> formats = Formats());
 
-// The path to open with the rules of the request: its own, or that of a file of the DICOM series
-// that dicom_series chooses beside files of other kinds. Errors as FindDicomSeriesFile.
-absl::StatusOr<std::string> PathOf(const OpenRequest& request);
+// The path for ReadSourceLabels: that of the request, or a file of the series that dicom_series
+// chooses. Errors as FindSeriesFile.
+absl::StatusOr<std::string> PathOfLabels(const OpenRequest& request,
+                                         absl::Span<const Format> formats = Formats());
 
 }  // namespace isoscope::source
 

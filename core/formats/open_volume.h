@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 
 #include "core/formats/find_volume.h"
 #include "core/source/grid/grid_rules.h"
@@ -31,12 +32,12 @@ struct SeriesOptions {
 // and of the format: INVALID_ARGUMENT (not three-dimensional; a grid that is sheared or uneven,
 // with its numbers, unless the rules take it), DATA_LOSS. Where a choice is missing (the meaning of
 // axes), the error lists the choices.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(const std::string& path,
-                                                               const SeriesOptions& options = {});
-// The same of what FindVolume found, by the format and the rules of the options.
-absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFoundVolume(const std::string& path,
-                                                              const FoundVolume& found,
-                                                              const SeriesOptions& options);
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVolumeSeries(
+    const std::string& path, const SeriesOptions& options = {},
+    absl::Span<const Format> formats = Formats());
+// The same of what FindVolume found, by the axes and the rules of the options.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFoundVolume(
+    FoundVolume found, const SeriesOptions& options, absl::Span<const Format> formats = Formats());
 
 // Returns the files of such a series: all that decide a sample or a position. While none of them
 // changes and none is added, the volumes do not change. Reads names and headers only, with the
@@ -49,8 +50,9 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenFoundVolume(const std::string&
 //   OME-TIFF     the files of the set, and the companion with the XML
 //   two files    header and samples of NIfTI, Analyze, NRRD, MetaImage, AFNI, PAR/REC,
 //                ParaVision, the samples in any number of files
-absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path,
-                                                       const SeriesOptions& options = {});
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(
+    const std::string& path, const SeriesOptions& options = {},
+    absl::Span<const Format> formats = Formats());
 
 }  // namespace isoscope::source
 

@@ -21,17 +21,11 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/printable.h"
-#include "core/formats/format_table.h"
-#include "core/formats/medical/layout_formats.h"
-#include "core/formats/medical/sample_format.h"
-#include "core/formats/stacks/image_slices.h"
-#include "core/formats/vtk/vtk_image.h"
+#include "core/formats/find_volume.h"
 #include "core/io/file.h"
 #include "core/source/bytes/file_content.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
-#include "core/source/bytes/part_path.h"
-#include "core/source/hdf5/hdf5_path.h"
 
 namespace isoscope::source {
 namespace {
@@ -165,19 +159,19 @@ std::optional<std::string> WhyRefused(const std::string& path) {
   return std::nullopt;
 }
 
-std::string ListVolumesIn(const std::string& folder) {
+std::string ListVolumesIn(const std::string& folder, absl::Span<const Format> formats) {
   constexpr std::size_t kMaxListed = 3;
-  const auto is_volume = [](const std::string& path) {
-    Hdf5Path hdf5;
-    PartPath vtk;
-    return FindFormatFileByName(path).has_value() || SplitHdf5Path(path, &hdf5) ||
-           SplitVtkImagePath(path, &vtk) || absl::EndsWithIgnoreCase(path, ".pvd") ||
-           HasNiftiName(path) || SampleFormatOf(path).has_value();
-  };
   std::vector<std::string> names;
   std::size_t count = 0;
-  for (const std::string& file : FilesNamed(folder, is_volume)) {
-    if (++count <= kMaxListed) {
+  for (const std::string& file : FilesNamed(folder, [](const std::string&) { return true; })) {
+    auto found = FindByName(file, formats);
+    if (found.ok() && !found->has_value()) {
+      found = FindByContent(file, formats);
+    }
+    // A file of a DICOM series is no volume in its folder's place.
+    const bool is_volume =
+        !found.ok() || (found->has_value() && (*found)->format->list_series == nullptr);
+    if (is_volume && ++count <= kMaxListed) {
       names.push_back(base::Printable(file.substr(file.rfind('/') + 1)));
     }
   }
@@ -199,7 +193,8 @@ absl::Status UnknownKindOfFile(const std::string& path) {
       "--type T, and --header-bytes N if they do not begin the file"));
 }
 
-absl::Status ExplainByContent(const std::string& path, absl::Status status) {
+absl::Status ExplainByContent(const std::string& path, absl::Status status,
+                              absl::Span<const Format> formats) {
   const bool can_be_explained =
       absl::IsInvalidArgument(status) || absl::IsDataLoss(status) || absl::IsNotFound(status);
   if (!can_be_explained) {
@@ -212,10 +207,14 @@ absl::Status ExplainByContent(const std::string& path, absl::Status status) {
     file = path.substr(0, colon);
   }
   const auto content = DescribeContent(file);
-  // A picture with the name of a slice is read: what is wrong is its stack.
-  const bool is_slice =
-      content.has_value() && IsImageSliceName(file) && absl::StrContains(*content, kStackAdvice);
-  return content.has_value() && !is_slice && !absl::StrContains(status.message(), *content)
+  if (content.has_value() && absl::StrContains(*content, kStackAdvice)) {
+    // A picture with the name of a slice is read: what is wrong is its stack.
+    const auto found = FindByName(file, formats);
+    if (found.ok() && found->has_value() && (*found)->format->shows_pictures) {
+      return status;
+    }
+  }
+  return content.has_value() && !absl::StrContains(status.message(), *content)
              ? absl::InvalidArgumentError(absl::StrCat(file, ": ", *content))
              : std::move(status);
 }

@@ -7,6 +7,9 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/types/span.h"
+
+#include "core/formats/format_table.h"
 
 namespace isoscope::source {
 
@@ -17,7 +20,7 @@ std::optional<std::string> WhyRefused(const std::string& path);
 
 // "a.nii.gz, b.nrrd and 3 more": the files of a folder whose names or contents are those of
 // volumes, so that one can be given in place of the folder; "" if there are none.
-std::string ListVolumesIn(const std::string& folder);
+std::string ListVolumesIn(const std::string& folder, absl::Span<const Format> formats = Formats());
 
 // INVALID_ARGUMENT for an existing file that no reader takes: WhyRefused; else that its kind is
 // unknown, how it begins, and how to read it as raw samples. 300 bytes beside the path at most.
@@ -25,7 +28,8 @@ absl::Status UnknownKindOfFile(const std::string& path);
 
 // An error of a reader. If the file that `path` names, with or without a part behind a colon, is of
 // content that explains it (DescribeContent), says that in its place.
-absl::Status ExplainByContent(const std::string& path, absl::Status status);
+absl::Status ExplainByContent(const std::string& path, absl::Status status,
+                              absl::Span<const Format> formats = Formats());
 
 }  // namespace isoscope::source
 

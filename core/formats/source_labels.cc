@@ -45,7 +45,6 @@
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/formats/dicom/dicom_labels.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/format_table.h"
 #include "core/formats/medical/layout_formats.h"
@@ -331,23 +330,26 @@ absl::StatusOr<std::vector<Label>> LabelsOfHeader(const std::string& header,
 
 }  // namespace
 
-std::optional<std::string> FileOfSourceLabels(const std::string& path) {
-  if (NamesDicomSeries(path)) {
+std::optional<std::string> FileOfSourceLabels(const std::string& path,
+                                              absl::Span<const Format> formats) {
+  const auto found = FindVolume(path, "", formats);
+  if (found.ok() && found->format->read_labels != nullptr) {
     return std::nullopt;
   }
-  const std::optional<FormatFile> part = FindFormatFileByName(path);
-  std::string header = LayoutHeaderPath(part.has_value() ? part->file : path);
+  std::string header = LayoutHeaderPath(found.ok() ? found->request.file : path);
   if (!io::PathExists(header) || io::IsDirectory(header)) {
     return std::nullopt;
   }
   return header;
 }
 
-absl::StatusOr<std::vector<Label>> ReadSourceLabels(const std::string& path) {
-  if (NamesDicomSeries(path)) {
-    return ReadDicomLabels(path);
+absl::StatusOr<std::vector<Label>> ReadSourceLabels(const std::string& path,
+                                                    absl::Span<const Format> formats) {
+  if (const auto found = FindVolume(path, "", formats);
+      found.ok() && found->format->read_labels != nullptr) {
+    return found->format->read_labels(path);
   }
-  const std::optional<std::string> header = FileOfSourceLabels(path);
+  const std::optional<std::string> header = FileOfSourceLabels(path, formats);
   if (!header.has_value()) {
     return std::vector<Label>();
   }

@@ -8,7 +8,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 
+#include "core/formats/format_table.h"
 #include "core/volume/label.h"
 
 namespace isoscope::source {
@@ -25,10 +27,12 @@ namespace isoscope::source {
 // several segments. Names are cleaned (volume::CleanLabelName). Empty if the file has no labels, if
 // it is of another format, or if it can't be opened: whoever reads its samples says why.
 // INVALID_ARGUMENT: a table that is damaged or too long; the samples may be read all the same.
-absl::StatusOr<std::vector<volume::Label>> ReadSourceLabels(const std::string& path);
+absl::StatusOr<std::vector<volume::Label>> ReadSourceLabels(
+    const std::string& path, absl::Span<const Format> formats = Formats());
 // The file that ReadSourceLabels would read; not set if there is none, or if the path names a DICOM
 // series, which is a matter of all of its files.
-std::optional<std::string> FileOfSourceLabels(const std::string& path);
+std::optional<std::string> FileOfSourceLabels(const std::string& path,
+                                              absl::Span<const Format> formats = Formats());
 
 }  // namespace isoscope::source
 

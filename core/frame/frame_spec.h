@@ -107,10 +107,10 @@ inline bool HasSampleCaps(const FrameSpec& spec) {
 inline image::Rgba8 NanColorOf(const FrameSpec& spec, ColorMap map) {
   return spec.nan_color.value_or(DefaultNanColor(map));
 }
-// Returns the back end that draws a frame on agents of `of_agents`: the CPU draws values. It
+// Returns the back end that draws a frame on agents of `agents_back_end`: the CPU draws values. It
 // decides the frame's tie rule and the margin of its caps.
-inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {
-  return ShowsValues(spec) ? BackEnd::kCpu : of_agents;
+inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd agents_back_end) {
+  return ShowsValues(spec) ? BackEnd::kCpu : agents_back_end;
 }
 
 // Returns the rules of the surfaces, in their order.

@@ -80,10 +80,11 @@ Placement Connections::BeginWork(std::int64_t id, Caller caller, const std::stri
     ++working_health_;
   } else {
     caller = caller == Caller::kKnown ? Caller::kKnown : Caller::kStranger;
-    const auto of_address = strangers_of_address_.find(address);
-    const int of_address_count = of_address == strangers_of_address_.end() ? 0 : of_address->second;
+    const auto stranger_entry = strangers_of_address_.find(address);
+    const int stranger_count =
+        stranger_entry == strangers_of_address_.end() ? 0 : stranger_entry->second;
     const bool is_stranger = caller == Caller::kStranger;
-    if (is_stranger && of_address_count >= limits_.max_of_address) {
+    if (is_stranger && stranger_count >= limits_.max_of_address) {
       return Placement::kAddressFull;
     }
     if (working_count_ >= limits_.max_count ||
@@ -114,9 +115,9 @@ void Connections::StopCountingWork(Connection* connection) {
   --working_count_;
   if (connection->caller == Caller::kStranger) {
     --working_strangers_;
-    const auto of_address = strangers_of_address_.find(connection->work_address);
-    if (--of_address->second == 0) {
-      strangers_of_address_.erase(of_address);
+    const auto stranger_entry = strangers_of_address_.find(connection->work_address);
+    if (--stranger_entry->second == 0) {
+      strangers_of_address_.erase(stranger_entry);
     }
   }
 }

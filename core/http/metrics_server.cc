@@ -1,3 +1,14 @@
+// A connection is one Scraper, which owns itself through the callbacks of its stream:
+//
+//   Read -> OnHeader -> Answer -> Write -> Read, until the peer or the server ends it -> Close
+//
+// Connections limits them: a place from TryAdd on, and work from BeginWork to EndWork. The text is
+// Prometheus' format 0.0.4:
+//
+//   # HELP isoscope_frames_total Frames by outcome.
+//   # TYPE isoscope_frames_total counter
+//   isoscope_frames_total{outcome="done"} 17
+
 #include "core/http/metrics_server.h"
 
 #include <array>

@@ -104,9 +104,9 @@ bool UnsentAnswer::Load() {
 }
 
 void UnsentAnswer::Consume(std::size_t size) {
-  const std::size_t of_head = std::min(size, unsent_head_.size());
-  unsent_head_.remove_prefix(of_head);
-  unsent_body_.remove_prefix(size - of_head);
+  const std::size_t head_bytes = std::min(size, unsent_head_.size());
+  unsent_head_.remove_prefix(head_bytes);
+  unsent_body_.remove_prefix(size - head_bytes);
 }
 
 }  // namespace isoscope::http

@@ -1,3 +1,12 @@
+// An image of the pool is background in all pixels, so that taking one clears nothing.
+//
+//   1. Take finds the unused image of this size that came back last, or makes one.
+//   2. The image keeps a pointer to its pool. Its destructor calls TakeBack.
+//   3. TakeBack clears the covered pixels, and drops the images that are unused for longest until
+//      this one fits.
+//
+// Copies have no pool: they free their memory.
+
 #include "core/image/frame_image.h"
 
 #include <algorithm>

@@ -90,13 +90,13 @@ void SortByOrdinal(std::vector<BlockInterval>* intervals) {
 }
 
 // L(N): how many nodes the longest path of a tree has; 0 for N <= B.
-std::int64_t MaxLevelCount(std::int64_t interval_count) {
+std::int64_t MaxTreeLevels(std::int64_t interval_count) {
   constexpr std::int64_t kHalfSlabs = format::kMaxSlabs / 2;
-  std::int64_t levels = 0;
-  for (std::int64_t count = interval_count; count > kEntriesPerPage; ++levels) {
+  std::int64_t tree_levels = 0;
+  for (std::int64_t count = interval_count; count > kEntriesPerPage; ++tree_levels) {
     count = (count + kHalfSlabs - 1) / kHalfSlabs - 1;
   }
-  return levels;
+  return tree_levels;
 }
 
 }  // namespace
@@ -207,11 +207,11 @@ absl::StatusOr<QueryResult> IntervalTree::Impl::Query(double isovalue) const {
   }
   QueryState state;
   state.isovalue = isovalue;
-  int level = 0;
-  for (io::PageNumber page = header_.root_page; page != 0; ++level) {
-    if (level == format::kMaxLevels) {
-      return pages_->PageError(page,
-                               absl::StrCat("is a node below ", level, " others, expected fewer"));
+  int tree_level = 0;
+  for (io::PageNumber page = header_.root_page; page != 0; ++tree_level) {
+    if (tree_level == format::kMaxTreeLevels) {
+      return pages_->PageError(
+          page, absl::StrCat("is a node below ", tree_level, " others, expected fewer"));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const NodeVisit visit, VisitNode(page, &state));
     ISOSCOPE_RETURN_IF_ERROR(ReadList(visit, visit.left, ListKind::kSorted, &state));
@@ -366,7 +366,7 @@ std::int64_t IntervalTree::MaxPageReads(std::int64_t interval_count, std::int64_
   if (interval_count <= kEntriesPerPage) {
     return interval_count > 0 ? 2 : 0;
   }
-  return 8 * MaxLevelCount(interval_count) + 2 + 2 * active_count / kEntriesPerPage;
+  return 8 * MaxTreeLevels(interval_count) + 2 + 2 * active_count / kEntriesPerPage;
 }
 
 }  // namespace isoscope::index

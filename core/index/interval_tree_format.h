@@ -37,7 +37,7 @@ inline constexpr std::int64_t kMaxSlabs =
 static_assert(kMaxSlabs == 126);
 
 // 2^32 intervals make at most 5 levels.
-inline constexpr int kMaxLevels = 8;
+inline constexpr int kMaxTreeLevels = 8;
 // A node's entry run has at most 7 entries an interval and is counted in 32 bits.
 inline constexpr std::int64_t kMaxIntervalCount = std::int64_t{1} << 29;
 

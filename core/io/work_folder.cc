@@ -1,3 +1,18 @@
+// Make:
+//
+//   1. mkdir a new name with random letters.
+//   2. Create the file lock.new, lock it, and write this machine's record into it.
+//   3. Rename it to lock. A free lock with this name is a leftover, so it is locked before.
+//
+// RemoveLeftovers looks at each folder with the prefix. HasEnded decides by the lock and record:
+//
+//   lock held by a process                       stays
+//   free, record of this boot                    removed
+//   free, this machine and host, older boot      removed if nothing changed since this boot
+//   free, no record                              removed a day after the last change
+//   free, another machine                        stays
+//   no lock file, empty or with lock.new alone   removed 10 minutes after the last change
+
 #include "core/io/work_folder.h"
 
 #include <fcntl.h>

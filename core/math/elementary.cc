@@ -47,8 +47,8 @@ Pair SumOfOrdered(double a, double b) {
 // Returns a + b, exactly.
 Pair Sum(double a, double b) {
   const double sum = a + b;
-  const double of_b = sum - a;
-  return {sum, (a - (sum - of_b)) + (b - of_b)};
+  const double b_part = sum - a;
+  return {sum, (a - (sum - b_part)) + (b - b_part)};
 }
 
 // Returns a * b, exactly unless it underflows. REQUIRES: |a|, |b| < 2^996.

@@ -1,9 +1,8 @@
 // A number in base 2^32, whose digits are int64 and carry late:
 //
 //   1. Add splits the 53 bits of a double over three digits.
-//   2. Carry moves what exceeds 32 bits to the next digit, at the latest after 2^30 additions:
-//   until
-//      then no digit overflows.
+//   2. Carry moves what exceeds 32 bits to the next digit, at the latest after 2^30 additions. No
+//      digit overflows until then.
 //   3. Value reads the highest bits, and rounds by those below.
 //
 // Example: 1.5 is 3 * 2^-1, and bit -1 is bit 1087 of the number: digit 33, bit 31. So the two set

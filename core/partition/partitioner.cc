@@ -129,7 +129,7 @@ class Partitioner {
         options_(options),
         cancellation_(cancellation),
         layout_(layout),
-        type_(source->scalar_type()),
+        type_(source->info().type),
         plan_(plan),
         pass_bytes_(math::Volume(layout.sample_dims()) *
                     static_cast<std::int64_t>(volume::SizeOf(type_))) {
@@ -149,7 +149,7 @@ class Partitioner {
     ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
                               store::RangeTableWriter::Create(
                                   absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
-    cutter_.emplace(layout_, type_, source_.geometry(), options_.shard_count);
+    cutter_.emplace(layout_, type_, source_.info().geometry, options_.shard_count);
     ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, [&](const Slab& slab, const Portion& portion) {
       AddToDigest(layout_, type_, slab, portion, &samples_digest_);
       return WriteBlocks(slab, portion);
@@ -241,9 +241,9 @@ class Partitioner {
     const bool is_random = options_.distribution == store::Distribution::kRandom;
     manifest.name = name;
     manifest.source =
-        options_.source_name.empty() ? BaseName(source_.name()) : options_.source_name;
-    manifest.geometry = source_.geometry();
-    manifest.patient_frame = source_.patient_frame();
+        options_.source_name.empty() ? BaseName(source_.info().name) : options_.source_name;
+    manifest.geometry = source_.info().geometry;
+    manifest.patient_frame = source_.info().patient_frame;
     manifest.labels = options_.labels;
     manifest.scalar_type = type_;
     manifest.value_range = value_range_;
@@ -294,20 +294,20 @@ class Partitioner {
 absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,
                                           const base::Cancellation& cancellation) {
-  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(source.geometry()));
+  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(source.info().geometry));
   ISOSCOPE_RETURN_IF_ERROR(volume::ValidateLabels(options.labels));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::BlockLayout layout,
-      volume::BlockLayout::Make(
-          source.geometry().sample_dims,
-          options.block_cells.value_or(volume::DefaultBlockCells(source.geometry().sample_dims))));
+      volume::BlockLayout::Make(source.info().geometry.sample_dims,
+                                options.block_cells.value_or(volume::DefaultBlockCells(
+                                    source.info().geometry.sample_dims))));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
   const std::int64_t source_bytes =
-      options.reserved_bytes + source.memory_bytes() +
-      (source.is_seekable() ? 0 : PortionReader::StagingBytes(source));
+      options.reserved_bytes + source.info().memory_bytes +
+      (source.info().is_seekable ? 0 : PortionReader::StagingBytes(source));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const PartitionPlan plan,
-      PlanPartition(layout, source.scalar_type(), options.shard_count, options.distribution,
+      PlanPartition(layout, source.info().type, options.shard_count, options.distribution,
                     source_bytes, options.memory_limit_bytes));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<OutputFolder> output,
                             OutputFolder::Make(options.output_directory, options.name));

@@ -38,12 +38,12 @@ PortionReader::PortionReader(source::VolumeSource* source, const volume::BlockLa
       directory_(std::move(directory)),
       cancellation_(*cancellation),
       row_bytes_(layout.sample_dims().x *
-                 static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()))) {}
+                 static_cast<std::int64_t>(volume::SizeOf(source->info().type))) {}
 
 std::int64_t PortionReader::StagingBytes(const source::VolumeSource& source) {
-  const math::Index3& dims = source.geometry().sample_dims;
+  const math::Index3& dims = source.info().geometry.sample_dims;
   const std::int64_t row_bytes =
-      dims.x * static_cast<std::int64_t>(volume::SizeOf(source.scalar_type()));
+      dims.x * static_cast<std::int64_t>(volume::SizeOf(source.info().type));
   return std::min(std::max(kStageBytes, row_bytes), row_bytes * dims.y);
 }
 
@@ -120,7 +120,7 @@ absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, cha
 absl::Status PortionReader::ReadBand(const math::IndexBox& box, char* out) {
   const std::int64_t rows = layout_.sample_dims().y;
   const std::int64_t band_bytes = (box.end.y - box.begin.y) * row_bytes_;
-  const bool is_staged = !source_.is_seekable();
+  const bool is_staged = !source_.info().is_seekable;
   if (is_staged) {
     ISOSCOPE_RETURN_IF_ERROR(StageUpTo(box.end.z));
   }

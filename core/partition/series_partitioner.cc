@@ -183,8 +183,8 @@ absl::StatusOr<store::SeriesManifest> OpenToAppend(const std::string& directory)
 }  // namespace
 
 bool NeedsSeries(const source::VolumeSeries& source) {
-  return source.fields().size() > 1 || source.fields()[0].components.size() > 1 ||
-         !source.times().empty();
+  return source.info().fields.size() > 1 || source.info().fields[0].components.size() > 1 ||
+         !source.info().times.empty();
 }
 
 absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& source,

@@ -1,3 +1,15 @@
+// A plan says, before a block is written, which scalar volumes a series gets.
+//
+//   PlanSeries     the manifest of a new series: the grid of its first volume, and the fields with
+//                  their components; the magnitude follows several components
+//   PlanVolumes    a task for each field, component and step that is wanted
+//   PlanAppending  the same for a series that exists: FindField maps the source's fields by name,
+//                  FindOrAddStep maps its times; only a time after the last one makes a step
+//   CheckGrids     opens each field and step once, because an error should come before the work
+//
+// All errors name the source, and the manifest is encoded and decoded once to find those that it
+// would have at the end.
+
 #include "core/partition/series_plan.h"
 
 #include <algorithm>
@@ -24,7 +36,7 @@ int ComponentCount(const source::SourceField& field) {
 }
 
 absl::StatusOr<store::Field> DescribeField(source::VolumeSeries& source, int index) {
-  const source::SourceField& from = source.fields()[static_cast<std::size_t>(index)];
+  const source::SourceField& from = source.info().field(index);
   store::Field field{
       .name = from.name, .long_name = from.long_name, .unit = from.unit, .components = {}};
   for (int component = 0; component < ComponentCount(from); ++component) {
@@ -37,7 +49,7 @@ absl::StatusOr<store::Field> DescribeField(source::VolumeSeries& source, int ind
     if (from.components.size() == 1) {
       name.clear();
     }
-    field.components.push_back({.name = std::move(name), .scalar_type = volume->scalar_type()});
+    field.components.push_back({.name = std::move(name), .scalar_type = volume->info().type});
   }
   return field;
 }
@@ -67,9 +79,9 @@ absl::Status CheckCounts(std::size_t field_count, std::size_t step_count, std::s
 
 std::vector<VolumeTask> TasksOfAll(const source::VolumeSeries& source) {
   std::vector<VolumeTask> tasks;
-  for (int step = 0; step < source.step_count(); ++step) {
-    for (int field = 0; field < static_cast<int>(source.fields().size()); ++field) {
-      const int components = ComponentCount(source.fields()[static_cast<std::size_t>(field)]);
+  for (int step = 0; step < source.info().step_count(); ++step) {
+    for (int field = 0; field < static_cast<int>(source.info().fields.size()); ++field) {
+      const int components = ComponentCount(source.info().field(field));
       for (int component = 0; component < components; ++component) {
         tasks.push_back({.key = {.field = field, .component = component, .step = step},
                          .field = field,
@@ -146,28 +158,28 @@ absl::StatusOr<store::SeriesManifest> PlanSeries(source::VolumeSeries& source,
   store::SeriesManifest series;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
                             source.Open(0, 0, 0));
-  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(first->geometry()));
+  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(first->info().geometry));
   series.name = name;
-  series.source = options.source_name.empty() ? BaseName(source.name()) : options.source_name;
-  series.geometry = first->geometry();
-  series.patient_frame = first->patient_frame();
-  series.length_unit = source.length_unit();
+  series.source = options.source_name.empty() ? BaseName(source.info().name) : options.source_name;
+  series.geometry = first->info().geometry;
+  series.patient_frame = first->info().patient_frame;
+  series.length_unit = source.info().length_unit;
   series.block_cells =
       options.block_cells.value_or(volume::DefaultBlockCells(series.geometry.sample_dims));
   series.seed = options.seed;
   series.shard_count = options.shard_count;
-  series.times = source.times();
-  series.time_unit = source.time_unit();
+  series.times = source.info().times;
+  series.time_unit = source.info().time_unit;
   series.labels = options.labels;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::BlockLayout layout,
       volume::BlockLayout::Make(series.geometry.sample_dims, series.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(series.shard_count, layout));
-  for (std::size_t field = 0; field < source.fields().size(); ++field) {
+  for (std::size_t field = 0; field < source.info().fields.size(); ++field) {
     ISOSCOPE_ASSIGN_OR_RETURN(series.fields.emplace_back(),
                               DescribeField(source, static_cast<int>(field)));
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckManifest(series, source.name()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckManifest(series, source.info().name));
   return series;
 }
 
@@ -178,32 +190,32 @@ absl::StatusOr<std::vector<VolumeTask>> PlanVolumes(const source::VolumeSeries& 
   std::erase_if(tasks,
                 [&](const VolumeTask& task) { return wants && !wants(task.field, task.step); });
   ISOSCOPE_RETURN_IF_ERROR(
-      CheckCounts(series.fields.size(), series.times.size(), tasks.size(), source.name()));
+      CheckCounts(series.fields.size(), series.times.size(), tasks.size(), source.info().name));
   return tasks;
 }
 
 absl::StatusOr<std::vector<VolumeTask>> PlanAppending(const source::VolumeSeries& source,
                                                       bool resumes, store::SeriesManifest* series) {
-  const std::string& name = source.name();
+  const std::string& name = source.info().name;
   if (series->times.empty()) {
     return absl::FailedPreconditionError(
         absl::StrCat(series->name,
                      ": the series has no times, so nothing can follow; partition the first step "
                      "with --time"));
   }
-  if (source.times().empty()) {
+  if (source.info().times.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(name, ": the source has no time: give it with --time VALUE"));
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckUnits("unit of time", source.time_unit(), series->time_unit, name));
   ISOSCOPE_RETURN_IF_ERROR(
-      CheckUnits("unit of length", source.length_unit(), series->length_unit, name));
+      CheckUnits("unit of time", source.info().time_unit, series->time_unit, name));
+  ISOSCOPE_RETURN_IF_ERROR(
+      CheckUnits("unit of length", source.info().length_unit, series->length_unit, name));
   std::vector<VolumeTask> tasks;
   for (VolumeTask task : TasksOfAll(source)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        task.key.field,
-        FindField(source.fields()[static_cast<std::size_t>(task.field)], *series, name));
-    const double time = source.times()[static_cast<std::size_t>(task.step)];
+    ISOSCOPE_ASSIGN_OR_RETURN(task.key.field,
+                              FindField(source.info().field(task.field), *series, name));
+    const double time = source.info().times[static_cast<std::size_t>(task.step)];
     ISOSCOPE_ASSIGN_OR_RETURN(task.key.step, FindOrAddStep(time, name, series));
     if (series->Find(task.key) == nullptr) {
       tasks.push_back(task);

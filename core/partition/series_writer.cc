@@ -51,8 +51,8 @@ std::string FingerprintOf(const std::string& identity, const source::VolumeSerie
                           const PartitionOptions& options, const store::SeriesManifest& series) {
   return base::Sha256Hex(absl::StrCat(
       "isoscope volume 2\n", NameOf(source, task), "\n", task.field, " ", task.component, "\n",
-      volume.name(), "\n", volume::NameOf(volume.scalar_type()), "\n", identity, series.name, "\n",
-      series.source, "\n", TextOf(series.geometry.sample_dims), "\n",
+      volume.info().name, "\n", volume::NameOf(volume.info().type), "\n", identity, series.name,
+      "\n", series.source, "\n", TextOf(series.geometry.sample_dims), "\n",
       TextOf(series.geometry.spacing), "\n", TextOf(series.geometry.origin), "\n",
       TextOf(series.geometry.direction), "\n", TextOf(series.patient_frame), "\n",
       TextOf(series.block_cells), "\n", series.shard_count, " ", series.seed, " ",
@@ -133,8 +133,7 @@ absl::Status WriteTask(source::VolumeSeries& source, const VolumeTask& task,
 
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenTask(source::VolumeSeries& source,
                                                                const VolumeTask& task) {
-  const auto component_count =
-      static_cast<int>(source.fields()[static_cast<std::size_t>(task.field)].components.size());
+  const auto component_count = static_cast<int>(source.info().field(task.field).components.size());
   if (task.component < component_count) {
     return source.Open(task.field, task.component, task.step);
   }
@@ -142,7 +141,7 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenTask(source::VolumeSer
   for (int component = 0; component < component_count; ++component) {
     ISOSCOPE_ASSIGN_OR_RETURN(components.emplace_back(),
                               source.Open(task.field, component, task.step));
-    if (components.back()->geometry() != components.front()->geometry()) {
+    if (components.back()->info().geometry != components.front()->info().geometry) {
       return absl::InvalidArgumentError(absl::StrCat(
           NameOf(source,
                  {.key = {}, .field = task.field, .component = component, .step = task.step}),
@@ -153,7 +152,7 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenTask(source::VolumeSer
 }
 
 std::string NameOf(const source::VolumeSeries& source, const VolumeTask& task) {
-  const source::SourceField& field = source.fields()[static_cast<std::size_t>(task.field)];
+  const source::SourceField& field = source.info().field(task.field);
   std::string name = absl::StrCat("field \"", field.name, "\"");
   if (field.components.size() > 1) {
     const auto component = static_cast<std::size_t>(task.component);
@@ -162,9 +161,9 @@ std::string NameOf(const source::VolumeSeries& source, const VolumeTask& task) {
                         ? absl::string_view(field.components[component])
                         : store::kMagnitudeName);
   }
-  if (!source.times().empty()) {
+  if (!source.info().times.empty()) {
     absl::StrAppend(&name, ", step ", task.step, " (time ",
-                    source.times()[static_cast<std::size_t>(task.step)], ")");
+                    source.info().times[static_cast<std::size_t>(task.step)], ")");
   }
   return name;
 }
@@ -176,9 +175,9 @@ absl::Status CheckFits(const source::VolumeSeries& source, const VolumeTask& tas
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %s: %s %s, the first volume of the series has %s; all volumes of a "
                         "series have the same",
-                        volume.name(), NameOf(source, task), what, found, expected));
+                        volume.info().name, NameOf(source, task), what, found, expected));
   };
-  const volume::GridGeometry& grid = volume.geometry();
+  const volume::GridGeometry& grid = volume.info().geometry;
   const volume::GridGeometry& expected = series.geometry;
   if (!(grid.sample_dims == expected.sample_dims)) {
     return differs("dimensions", TextOf(grid.sample_dims), TextOf(expected.sample_dims));
@@ -192,13 +191,14 @@ absl::Status CheckFits(const source::VolumeSeries& source, const VolumeTask& tas
   if (!(grid.direction == expected.direction)) {
     return differs("directions", TextOf(grid.direction), TextOf(expected.direction));
   }
-  if (volume.patient_frame() != series.patient_frame) {
-    return differs("patient frame", TextOf(volume.patient_frame()), TextOf(series.patient_frame));
+  if (volume.info().patient_frame != series.patient_frame) {
+    return differs("patient frame", TextOf(volume.info().patient_frame),
+                   TextOf(series.patient_frame));
   }
-  if (const volume::ScalarType type = TypeOf(series, task.key); volume.scalar_type() != type) {
+  if (const volume::ScalarType type = TypeOf(series, task.key); volume.info().type != type) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: %s: samples of %s, at other steps of %s; a field has one type at all steps",
-        volume.name(), NameOf(source, task), volume::NameOf(volume.scalar_type()),
+        volume.info().name, NameOf(source, task), volume::NameOf(volume.info().type),
         volume::NameOf(type)));
   }
   return absl::OkStatus();
@@ -209,8 +209,8 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
                           store::SeriesManifest* series, const base::Cancellation& cancellation) {
   TotalProgress progress(options.progress, tasks, *series);
   PartitionOptions volume_options = options;
-  volume_options.progress = [&progress](const PartitionProgress& of_volume) {
-    progress.Report(of_volume.done_bytes);
+  volume_options.progress = [&progress](const PartitionProgress& volume_progress) {
+    progress.Report(volume_progress.done_bytes);
   };
   for (std::size_t i = 0; i < tasks.size(); ++i) {
     const VolumeTask& task = tasks[i];

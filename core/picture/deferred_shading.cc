@@ -1,3 +1,16 @@
+// The terms of light_kernel.h, made once per frame, and batches of fragments for it:
+//
+//   1. LightTermOf turns a light into world space, and multiplies its colour by its intensity.
+//   2. AddMaterial tabulates s^shininess for s from the least share that shows to 1. Surfaces of
+//      equal shininess copy the table.
+//   3. Append puts a fragment into a batch. BaseOf gives its base colour: the surface's, or that of
+//      its colour map at a step. The step comes with the normal (values), or from the position
+//      (coordinates).
+//   4. ComputeLight shades a full batch.
+//
+// Caps that show samples have owners behind those of the surfaces. TakeSampleCap gives them back
+// their own owner; they have their colour already.
+
 #include "core/picture/deferred_shading.h"
 
 #include <algorithm>

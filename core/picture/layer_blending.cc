@@ -29,7 +29,7 @@ constexpr int kTilePx = image::TileSet::kTilePx;
 
 // Light in linear values, each times its alpha.
 struct Light {
-  explicit Light(const LinearLightTables& of_tables) : tables(of_tables) {}
+  explicit Light(const LinearLightTables& light_tables) : tables(light_tables) {}
 
   void Add(image::Rgba8 color, float share) {
     r += share * static_cast<float>(tables.light[color.r]);
@@ -67,12 +67,12 @@ image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
 // Calls fn(pixel index) for each pixel that has a layer, rows of tiles in parallel, and counts
 // these pixels as drawn on.
 template <typename Fn>
-void ForEachPixel(const image::FrameImage& first_level, image::FrameImage* image, const Fn& fn) {
-  ISOSCOPE_CHECK_EQ(first_level.width, image->width);
-  ISOSCOPE_CHECK_EQ(first_level.height, image->height);
-  tbb::parallel_for(0, first_level.touched.rows(), [&](int row) {
-    first_level.touched.ForEachInRow(row, [&](int column) {
-      const image::TileMask& mask = first_level.CoveredOf(column, row);
+void ForEachPixel(const image::FrameImage& first_image, image::FrameImage* image, const Fn& fn) {
+  ISOSCOPE_CHECK_EQ(first_image.width, image->width);
+  ISOSCOPE_CHECK_EQ(first_image.height, image->height);
+  tbb::parallel_for(0, first_image.touched.rows(), [&](int row) {
+    first_image.touched.ForEachInRow(row, [&](int column) {
+      const image::TileMask& mask = first_image.CoveredOf(column, row);
       for (int y = 0; y < kTilePx; ++y) {
         const std::size_t begin = image->IndexOf(column * kTilePx, row * kTilePx + y);
         for (std::uint32_t rest = mask[static_cast<std::size_t>(y)]; rest != 0; rest &= rest - 1) {
@@ -105,8 +105,8 @@ std::vector<OpacityTable> OpacityTablesOf(const frame::FrameSpec& spec) {
 
 std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
                          image::FrameImage* image) {
-  const std::vector<const image::FrameImage*> levels = layers.Levels();
-  if (levels.empty()) {
+  const std::vector<const image::FrameImage*> layer_images = layers.LayerImages();
+  if (layer_images.empty()) {
     return 0;
   }
   const LinearLightTables& tables = LinearLight();
@@ -114,13 +114,13 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
   const image::Rgba8 background = spec.background_color;
   const float background_alpha = static_cast<float>(background.a) / 255.0F;
   std::atomic<std::int64_t> truncated_count{0};
-  ForEachPixel(*levels.front(), image, [&](std::size_t pixel) {
+  ForEachPixel(*layer_images.front(), image, [&](std::size_t pixel) {
     const std::uint64_t opaque = image->keys[pixel];
     Light light(tables);
     float left = 1;
     int count = 0;
-    for (const image::FrameImage* level : levels) {
-      const std::uint64_t key = level->keys[pixel];
+    for (const image::FrameImage* layer_image : layer_images) {
+      const std::uint64_t key = layer_image->keys[pixel];
       if (key == image::kBackgroundKey || !layers.IsBefore(key, opaque)) {
         break;
       }
@@ -129,7 +129,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
         break;
       }
       ++count;
-      const image::Rgba8 color = level->colors[pixel];
+      const image::Rgba8 color = layer_image->colors[pixel];
       const float opacity = opacities[layers.order().SurfaceOf(image::OwnerOf(key))][color.a];
       light.Add(color, left * opacity);
       left *= 1 - opacity;
@@ -150,7 +150,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
 
 void ShowNearest(const image::LayerStack& layers, image::FrameImage* image) {
   if (!layers.empty()) {
-    const image::FrameImage& first = *layers.Levels().front();
+    const image::FrameImage& first = *layers.LayerImages().front();
     ForEachPixel(first, image, [&](std::size_t pixel) {
       if (layers.IsBefore(first.keys[pixel], image->keys[pixel])) {
         image->keys[pixel] = first.keys[pixel];
@@ -162,7 +162,7 @@ void ShowNearest(const image::LayerStack& layers, image::FrameImage* image) {
 
 void ShowNearestKeys(const image::LayerStack& layers, image::FrameImage* image) {
   if (!layers.empty()) {
-    const image::FrameImage& first = *layers.Levels().front();
+    const image::FrameImage& first = *layers.LayerImages().front();
     ForEachPixel(first, image, [&](std::size_t pixel) {
       if (layers.IsBefore(first.keys[pixel], image->keys[pixel])) {
         image->keys[pixel] = first.keys[pixel];

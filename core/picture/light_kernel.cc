@@ -154,8 +154,8 @@ HWY_INLINE Vec3 BaseOf(VU base, const Vec3& normal, VF is_by_normal) {
   const DF df;
   const VF half = hn::Set(df, 0.5F);
   const auto by_normal = hn::Gt(is_by_normal, half);
-  const auto channel = [&](VF of_normal, VF of_base) HWY_ATTR {
-    return hn::IfThenElse(by_normal, hn::Add(hn::Mul(of_normal, half), half), of_base);
+  const auto channel = [&](VF normal_part, VF base_part) HWY_ATTR {
+    return hn::IfThenElse(by_normal, hn::Add(hn::Mul(normal_part, half), half), base_part);
   };
   return {channel(normal.x, ChannelOf<0>(base)), channel(normal.y, ChannelOf<8>(base)),
           channel(normal.z, ChannelOf<16>(base))};
@@ -181,8 +181,8 @@ void ComputeLight(const std::vector<LightTerm>& lights, const view::LinearVec3f&
   const VU no_normal = hn::Set(du, 0x00800080U);  // image::kNoNormal
   for (std::size_t i = 0; i < batch->count; i += hn::Lanes(df)) {
     const VI surface = hn::LoadU(di, batch->surface.data() + i);
-    const auto of_surface = [&](const MaterialTerms::BySurface<float>& values)
-                                HWY_ATTR { return hn::GatherIndex(df, values.data(), surface); };
+    const auto surface_term = [&](const MaterialTerms::BySurface<float>& values)
+                                  HWY_ATTR { return hn::GatherIndex(df, values.data(), surface); };
     const VU codes = LoadColors(batch->normal, i);
     const auto has_normal = hn::RebindMask(df, hn::Ne(codes, no_normal));
     const Vec3 decoded = DecodeNormals(codes);
@@ -200,16 +200,16 @@ void ComputeLight(const std::vector<LightTerm>& lights, const view::LinearVec3f&
 
     const Powers powers{materials.powers.data(),
                         hn::Mul(surface, hn::Set(di, static_cast<std::int32_t>(kPowerSteps) + 1)),
-                        of_surface(materials.first_power), of_surface(materials.power_scale)};
+                        surface_term(materials.first_power), surface_term(materials.power_scale)};
     const Light light = SumUp(lights, normal, to_eye, facing, powers);
     const VU base_colors = LoadColors(batch->base, i);
-    const Vec3 base = BaseOf(base_colors, given, of_surface(materials.is_by_normal));
-    const VF ambient = of_surface(materials.ambient);
-    const VF diffuse = of_surface(materials.diffuse);
-    const VF specular = of_surface(materials.specular);
-    const auto channel = [&](VF of_base, VF d, VF s) HWY_ATTR {
+    const Vec3 base = BaseOf(base_colors, given, surface_term(materials.is_by_normal));
+    const VF ambient = surface_term(materials.ambient);
+    const VF diffuse = surface_term(materials.diffuse);
+    const VF specular = surface_term(materials.specular);
+    const auto channel = [&](VF base_part, VF d, VF s) HWY_ATTR {
       return ByteOf(
-          hn::Add(hn::Mul(of_base, hn::Add(ambient, hn::Mul(diffuse, d))), hn::Mul(specular, s)));
+          hn::Add(hn::Mul(base_part, hn::Add(ambient, hn::Mul(diffuse, d))), hn::Mul(specular, s)));
     };
     const VU red = channel(base.x, light.diffuse.x, light.specular.x);
     const VU green = channel(base.y, light.diffuse.y, light.specular.y);

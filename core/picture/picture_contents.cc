@@ -49,7 +49,7 @@ class Search {
         window_(window),
         with_shown_(with_shown),
         shows_values_(frame::ShowsValues(spec_) || frame::HasSampleCaps(spec_)),
-        levels_(drawn.layers->Levels()) {
+        layer_images_(drawn.layers->LayerImages()) {
     ISOSCOPE_CHECK_LE(spec_.surfaces.size(), frame::kMaxSurfaces);
   }
 
@@ -70,9 +70,9 @@ class Search {
       }
     };
     ForEachCoveredInRow(*drawn_.image, row, look);
-    if (!levels_.empty()) {
+    if (!layer_images_.empty()) {
       // Pixels with both are looked at twice, which changes nothing.
-      ForEachCoveredInRow(*levels_.front(), row, look);
+      ForEachCoveredInRow(*layer_images_.front(), row, look);
     }
     if (is_done) {
       is_done_.store(true, std::memory_order_relaxed);
@@ -85,11 +85,11 @@ class Search {
     if (MayLackValue(drawn_.image->colors[pixel])) {
       return true;
     }
-    for (const image::FrameImage* level : levels_) {
-      if (level->keys[pixel] == image::kBackgroundKey) {
+    for (const image::FrameImage* layer_image : layer_images_) {
+      if (layer_image->keys[pixel] == image::kBackgroundKey) {
         return false;
       }
-      if (MayLackValue(level->colors[pixel])) {
+      if (MayLackValue(layer_image->colors[pixel])) {
         return true;
       }
     }
@@ -99,15 +99,15 @@ class Search {
   void LookAt(int x, int y, std::size_t pixel, PictureContents* found) const {
     const std::uint64_t opaque = drawn_.image->keys[pixel];
     int count = 0;
-    for (const image::FrameImage* level : levels_) {
-      const std::uint64_t key = level->keys[pixel];
+    for (const image::FrameImage* layer_image : layer_images_) {
+      const std::uint64_t key = layer_image->keys[pixel];
       if (key == image::kBackgroundKey || !drawn_.layers->IsBefore(key, opaque) ||
           count++ == spec_.max_layers) {
         break;
       }
-      const float opacity = OpacityOf({x, y, key, level->colors[pixel]});
+      const float opacity = OpacityOf({x, y, key, layer_image->colors[pixel]});
       if (opacity > 0) {
-        Add(key, level->colors[pixel], found);
+        Add(key, layer_image->colors[pixel], found);
       }
       if (opacity >= 1) {
         return;
@@ -150,7 +150,7 @@ class Search {
   const bool with_shown_;
   const bool shows_values_;
   mutable std::atomic<bool> is_done_{false};  // a row has all that there is to find
-  const std::vector<const image::FrameImage*> levels_;
+  const std::vector<const image::FrameImage*> layer_images_;
 };
 
 }  // namespace

@@ -194,7 +194,7 @@ CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
     fragment.color = sample_color_(filling.value);
     surface += sends_normals_ ? surface_count_ : 0;
   } else if (const std::optional<MapScale>& scale = scales_[surface]; scale.has_value()) {
-    fragment.color = CodeOf(fragment.color, scale->LevelOf(filling.value));
+    fragment.color = CodeOf(fragment.color, scale->MapLevelOf(filling.value));
   } else if (!sends_normals_) {
     const math::Vec3d ray =
         crossings_.DirectionAt(x + view_.region().x + 0.5, y + view_.region().y + 0.5);

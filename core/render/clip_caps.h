@@ -77,8 +77,7 @@ class CapPainter {
   //
   // samples:   null for Need::kSpan
   // fields:    by surface, the samples of the field that it shows, of the same block; may be empty
-  // if
-  //            ShowsField is false for all
+  //            if ShowsField is false for all
   // is_hidden: whether the pixel shows something nearer than a depth already
   void Paint(volume::BlockId id, const volume::RangeTable& ranges,
              const volume::BlockSamples* samples, std::span<const volume::BlockSamples> fields,

@@ -198,9 +198,9 @@ bool CpuRasterizer::IsClipped(std::uint32_t triangle, std::uint32_t pixel) const
   const std::array<std::uint32_t, 3> corners = mesh_->triangles[triangle];
   std::optional<std::array<double, 3>> weights;  // computed only if a plane cuts the triangle
   for (std::size_t i = 0; i < cut_by_.size(); ++i) {
-    const double* const of_plane = distances_.data() + i * mesh_->positions.size();
-    const std::array<double, 3> distances{of_plane[corners[0]], of_plane[corners[1]],
-                                          of_plane[corners[2]]};
+    const double* const plane_distances = distances_.data() + i * mesh_->positions.size();
+    const std::array<double, 3> distances{plane_distances[corners[0]], plane_distances[corners[1]],
+                                          plane_distances[corners[2]]};
     const int kept =
         (distances[0] >= 0 ? 1 : 0) + (distances[1] >= 0 ? 1 : 0) + (distances[2] >= 0 ? 1 : 0);
     if (kept == 3) {
@@ -382,11 +382,11 @@ std::array<double, 3> BarycentricsNearPixel(const mesh::CompactMesh& mesh, std::
     if (const double distance = math::Dot(nearest, nearest); distance < least) {
       least = distance;
       // Weights that are linear on the screen are divided by w to get those in space.
-      const double of_i = (1 - along) / corner[i].z;
-      const double of_j = along / corner[j].z;
+      const double share_i = (1 - along) / corner[i].z;
+      const double share_j = along / corner[j].z;
       weights = {};
-      weights[i] = of_i / (of_i + of_j);
-      weights[j] = of_j / (of_i + of_j);
+      weights[i] = share_i / (share_i + share_j);
+      weights[j] = share_j / (share_i + share_j);
     }
   }
   return weights;

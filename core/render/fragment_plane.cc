@@ -1,3 +1,14 @@
+// A pixel's word over a pass:
+//
+//   1. Merge locks the lock tiles that the batch meets, row by row, and keeps the smaller word. A
+//      fragment of equal depth goes to the tile's ties.
+//   2. TakeFragments lists the words of an image tile that are not shaded. They become
+//      depth << 32 | kShaded, or kNoFragment in the last shading of the pass.
+//   3. EndTile drops the ties; EndShading tells the next pass whether shaded words are left.
+//
+// A shading in the middle of a pass keeps depths, so that later fragments are still compared with
+// them. After the last one every word is kNoFragment, and no tile is touched.
+
 #include "core/render/fragment_plane.h"
 
 #include <algorithm>
@@ -131,17 +142,17 @@ image::TileMask FragmentPlane::TakeFragments(const ImageTile& tile, bool is_last
   ShadeBatch& batch = list->batch;
   std::size_t count = batch.count;
   for (int y = 0; y < rows; ++y) {
-    const std::uint32_t of_row = unshaded[static_cast<std::size_t>(y)];
+    const std::uint32_t row_mask = unshaded[static_cast<std::size_t>(y)];
     const std::size_t begin = IndexOf(begin_x, begin_y + y);
     DepthPrimitive* const words = words_.data() + begin;
-    if (of_row != 0) {
+    if (row_mask != 0) {
       // The image comes from a pool; its planes have left the processor's cache.
       for (int x = 0; x < columns; x += 8) {
         __builtin_prefetch(&image.keys[begin + static_cast<std::size_t>(x)], 1);
       }
       __builtin_prefetch(&image.colors[begin], 1);
     }
-    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+    for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1) {
       const auto x = static_cast<std::uint32_t>(std::countr_zero(rest));
       const DepthPrimitive fragment = words[x];
       list->pixels[count] = static_cast<std::uint32_t>(begin) + x;

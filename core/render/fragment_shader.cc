@@ -74,9 +74,9 @@ ShadedMesh FragmentShader::Prepare(const MeshToDraw& item) const {
 void FragmentShader::Shade(ShadeList* list) const {
   FillVertices(list);
   list->batch.keeps_normals = sends_normals_;
-  list->batch.keeps_levels = sends_map_steps_;
+  list->batch.keeps_map_levels = sends_map_steps_;
   if (sends_map_steps_) {
-    FillLevels(list);
+    FillMapLevels(list);
   }
   ComputeShadeSteps(rays_, &list->batch);
   if (sends_normals_) {
@@ -87,18 +87,18 @@ void FragmentShader::Shade(ShadeList* list) const {
 }
 
 // The level is 0 where a fragment carries no step.
-void FragmentShader::FillLevels(ShadeList* list) const {
+void FragmentShader::FillMapLevels(ShadeList* list) const {
   for (std::size_t i = 0; i < list->batch.count; ++i) {
     const ShadedMesh& mesh = *list->meshes[i];
     std::array<float, 3> levels{};
     if (mesh.map_scale != nullptr) {
-      const auto level_of = [&](std::size_t corner) {
-        return mesh.map_scale->LevelOf(mesh.mesh->values[list->corners[i][corner]]);
+      const auto map_level_of = [&](std::size_t corner) {
+        return mesh.map_scale->MapLevelOf(mesh.mesh->values[list->corners[i][corner]]);
       };
-      levels = LevelsToMix({level_of(0), level_of(1), level_of(2)});
+      levels = MapLevelsToMix({map_level_of(0), map_level_of(1), map_level_of(2)});
     }
     for (std::size_t c = 0; c < 3; ++c) {
-      list->batch.level[c][i] = levels[c];
+      list->batch.map_level[c][i] = levels[c];
     }
   }
 }
@@ -115,13 +115,13 @@ void FragmentShader::EncodeNormals(ShadeList* list) const {
     const SurfacePoint point = PointOf(*list, i);
     list->colors[i] = image::EncodeNormal({point.normal.x, point.normal.y, point.normal.z});
     if (sends_map_steps_) {
-      batch.mixed_level[i] =
-          MixLevels(point, {batch.level[0][i], batch.level[1][i], batch.level[2][i]});
+      batch.mixed_map_level[i] = MixMapLevels(
+          point, {batch.map_level[0][i], batch.map_level[1][i], batch.map_level[2][i]});
     }
   }
   for (std::size_t i = 0; sends_map_steps_ && i < batch.count; ++i) {
     if (list->meshes[i]->map_scale != nullptr) {
-      list->colors[i] = CodeOf(list->colors[i], batch.mixed_level[i]);
+      list->colors[i] = CodeOf(list->colors[i], batch.mixed_map_level[i]);
     }
   }
 }

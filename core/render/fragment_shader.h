@@ -87,7 +87,7 @@ class FragmentShader {
   void Shade(ShadeList* list) const;
 
  private:
-  void FillLevels(ShadeList* list) const;
+  void FillMapLevels(ShadeList* list) const;
   void EncodeNormals(ShadeList* list) const;
   void LookUpColors(ShadeList* list) const;
   [[nodiscard]] SurfacePoint PointOf(const ShadeList& list, std::size_t i) const;

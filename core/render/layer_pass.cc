@@ -86,7 +86,7 @@ void LayerPass::Draw(const MeshToDraw& item, PassResources::Scratch* scratch) {
   }
 }
 
-// The locks are given back even if there is no memory for another level.
+// The locks are given back even if there is no memory for another layer image.
 void LayerPass::Insert(const FragmentBatch& batch, const ShadedMesh& mesh, ShadeList* list) {
   for (std::size_t begin = 0; begin < batch.pixels.size(); begin += ShadeBatch::kCapacity) {
     const std::size_t count = std::min(ShadeBatch::kCapacity, batch.pixels.size() - begin);

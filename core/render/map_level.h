@@ -20,7 +20,7 @@
 
 namespace isoscope::render {
 
-// Levels are linear in the value: 0 at the least value of the range, kMapSteps at the greatest.
+// Map levels are linear in the value: 0 at the range's least value, kMapSteps at the greatest.
 inline constexpr int kMapSteps = 256;
 
 class MapScale {
@@ -29,26 +29,26 @@ class MapScale {
       : min_(range.min), length_(range.max - range.min) {}
 
   // NaN for NaN, else finite: infinite values have the largest level, with their sign.
-  [[nodiscard]] float LevelOf(double value) const {
+  [[nodiscard]] float MapLevelOf(double value) const {
     const double level = (value - min_) / length_ * kMapSteps;
     // Comparisons are false for NaN.
-    return static_cast<float>(level > kLargestLevel    ? kLargestLevel
-                              : level < -kLargestLevel ? -kLargestLevel
-                                                       : level);
+    return static_cast<float>(level > kLargestMapLevel    ? kLargestMapLevel
+                              : level < -kLargestMapLevel ? -kLargestMapLevel
+                                                          : level);
   }
 
-  static constexpr double kLargestLevel = 1e30;
+  static constexpr double kLargestMapLevel = 1e30;
 
  private:
   double min_;
   double length_;
 };
 
-// Returns the levels of a triangle's corners as they are mixed: finite ones as they are. Else all
-// three are alike, so that no weight can show: NaN if one is NaN or if they have both ends of
+// Returns the map levels of a triangle's corners as they are mixed: finite ones as they are. Else
+// all three are alike, so that no weight can show: NaN if one is NaN or if they have both ends of
 // infinite values, else that end.
-inline std::array<float, 3> LevelsToMix(const std::array<float, 3>& levels) {
-  constexpr auto kLargest = static_cast<float>(MapScale::kLargestLevel);
+inline std::array<float, 3> MapLevelsToMix(const std::array<float, 3>& levels) {
+  constexpr auto kLargest = static_cast<float>(MapScale::kLargestMapLevel);
   float end = 0;
   for (const float level : levels) {
     // False for NaN.
@@ -64,7 +64,7 @@ inline std::array<float, 3> LevelsToMix(const std::array<float, 3>& levels) {
   return {end, end, end};
 }
 
-// Returns the step of a level. All steps have the same length; levels outside the range get the
+// Returns the step of a map level. All steps have the same length; levels outside the range get the
 // nearest end's step. REQUIRES: the level is not NaN.
 inline std::uint8_t MapStepOf(float level) {
   return level > 0 ? static_cast<std::uint8_t>(std::min(level, kMapSteps - 1.0F)) : std::uint8_t{0};

@@ -84,13 +84,13 @@ HWY_INLINE Vec3 LoadNormal(const ShadeBatch& batch, std::size_t corner, std::siz
 }
 
 // If the levels at all corners are equal, the result is that level, for any weights.
-HWY_INLINE void MixLevels(VF wb, VF wc, std::size_t i, ShadeBatch* batch) {
+HWY_INLINE void MixMapLevels(VF wb, VF wc, std::size_t i, ShadeBatch* batch) {
   const DF df;
-  const VF a = hn::LoadU(df, batch->level[0].data() + i);
-  const VF b = hn::Sub(hn::LoadU(df, batch->level[1].data() + i), a);
-  const VF c = hn::Sub(hn::LoadU(df, batch->level[2].data() + i), a);
+  const VF a = hn::LoadU(df, batch->map_level[0].data() + i);
+  const VF b = hn::Sub(hn::LoadU(df, batch->map_level[1].data() + i), a);
+  const VF c = hn::Sub(hn::LoadU(df, batch->map_level[2].data() + i), a);
   hn::StoreU(hn::Add(a, hn::Add(hn::Mul(b, wb), hn::Mul(c, wc))), df,
-             batch->mixed_level.data() + i);
+             batch->mixed_map_level.data() + i);
 }
 
 void ComputeShadeSteps(const ShadeRays& rays, ShadeBatch* batch) {
@@ -137,8 +137,8 @@ void ComputeShadeSteps(const ShadeRays& rays, ShadeBatch* batch) {
       hn::StoreU(normal.y, df, batch->mixed_normal[1].data() + i);
       hn::StoreU(normal.z, df, batch->mixed_normal[2].data() + i);
     }
-    if (batch->keeps_levels) {
-      MixLevels(wb, wc, i, batch);
+    if (batch->keeps_map_levels) {
+      MixMapLevels(wb, wc, i, batch);
     }
     // Step 4: the step of |n . v|. Without a normal the surface is shaded as if it faced the eye.
     const Vec3 ray = At(rays.world_direction, x, y);

@@ -12,7 +12,7 @@
 
 namespace isoscope::render {
 
-// Colour is a function of |n . v| alone. With this many steps, neighbours differ by one level.
+// Colour is a function of |n . v| alone. With this many steps, neighbours differ by one 255th.
 inline constexpr std::size_t kShadeSteps = 4096;
 
 // The rays through the pixels, from the near plane on.
@@ -43,11 +43,11 @@ struct ShadeBatch {
   // The result if `keeps_normals`: the mixed normal, [axis], of no particular length.
   bool keeps_normals = false;
   alignas(64) std::array<Lane, 3> mixed_normal;
-  // Input if `keeps_levels`: levels of the colour map (LevelsToMix), [corner]: finite, or NaN at
-  // all corners. The result is the mixed level; NaN of NaN.
-  bool keeps_levels = false;
-  alignas(64) std::array<Lane, 3> level;
-  alignas(64) Lane mixed_level;
+  // Input if `keeps_map_levels`: levels of the colour map (MapLevelsToMix), [corner]: finite, or
+  // NaN at all corners. The result is the mixed level; NaN of NaN.
+  bool keeps_map_levels = false;
+  alignas(64) std::array<Lane, 3> map_level;
+  alignas(64) Lane mixed_map_level;
   // Pixels whose triangle is seen too much from the side for floats. Their step, mixed normal and
   // mixed level are not valid.
   std::size_t inexact_count = 0;

@@ -19,8 +19,8 @@ struct SurfacePoint {
   std::array<double, 3> weights{};  // of the corners; they add up to 1
 };
 
-// Returns the level of the point, mixed as ComputeShadeSteps does. `levels`: of the corners.
-inline float MixLevels(const SurfacePoint& point, const std::array<float, 3>& levels) {
+// Returns the map level of the point, mixed as ComputeShadeSteps does. `levels`: of the corners.
+inline float MixMapLevels(const SurfacePoint& point, const std::array<float, 3>& levels) {
   const auto a = static_cast<double>(levels[0]);
   return static_cast<float>(a + ((static_cast<double>(levels[1]) - a) * point.weights[1] +
                                  (static_cast<double>(levels[2]) - a) * point.weights[2]));

@@ -27,7 +27,7 @@ namespace {
 
 constexpr std::uint32_t kNoVertex = 0xffffffff;
 // Middles and centers come after all vertices of cuts.
-constexpr int kMeanLevel = 1 << 20;
+constexpr int kMeanRank = 1 << 20;
 
 // The block's cells and those around, as far as the volume has them.
 math::IndexBox CellsAround(const volume::BlockLayout& layout, volume::BlockId id) {
@@ -260,7 +260,7 @@ BlockSurface::MeshVertex BlockSurface::MeanOf(std::initializer_list<std::uint32_
   MeshVertex mean;
   mean.position = math::FloatOf(position * (1 / static_cast<double>(vertices.size())));
   mean.normal = UnitOf(normal);
-  mean.order = {kMeanLevel, static_cast<std::uint32_t>(vertices_.size())};
+  mean.order = {kMeanRank, static_cast<std::uint32_t>(vertices_.size())};
   mean.copy = copy;
   return mean;
 }

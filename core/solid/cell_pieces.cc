@@ -4,8 +4,7 @@
 //
 //   1. AddSurface, AddFace: the polyhedron.
 //   2. CutBy: each half-space cuts all polygons. A polygon that loses a part has one new side on
-//   the
-//      plane. LinkSides makes caps of these sides, so that the polyhedron is closed again.
+//      the plane. LinkSides makes caps of these sides, so that the polyhedron is closed again.
 //   3. Collect: triangles for the mesh; for the faces between two cells their sides alone, which
 //      tell how the pieces of both cells join (surface_fans.h).
 //
@@ -111,7 +110,7 @@ void CellCutter::AddFace(SampleIndex lowest, std::size_t face) {
 
 void CellCutter::CutBy(std::size_t half_space) {
   const Cut cut{.half_space = &clipper_.half_spaces()[half_space],
-                .level = static_cast<int>(half_space) + 1,
+                .rank = static_cast<int>(half_space) + 1,
                 .on_border = closes_ ? Cut::OnBorder::kInside : Cut::OnBorder::kBorder};
   sides_.clear();
   kept_.clear();

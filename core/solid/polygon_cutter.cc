@@ -1,3 +1,16 @@
+// CutPolygon:
+//
+//   1. Compute the distances of the corners. A polygon inside is kept, one outside is dropped.
+//   2. If the border of the half-space crosses the polygon at most twice, CutOnce keeps the corners
+//      inside and puts a vertex on each crossed edge.
+//   3. Else the polygon is cut as a fan of triangles, each of which is crossed at most twice.
+//
+// SplitByQuality finds the triangulation whose worst triangle is best, by dynamic programming: the
+// best split of the points i to j is a triangle (i, k, j) and the best splits of i to k and k to j.
+// O(n^3) for n points; polygons of a cell have few.
+//
+// Invariant: vertices are in the pool once, so polygons that share a crossed edge share the vertex.
+
 #include "core/solid/polygon_cutter.h"
 
 #include <algorithm>
@@ -41,10 +54,10 @@ void CutOnce(const Points& polygon, const Distances& distances, const Cut& cut, 
     }
     has_side = true;
     if (distances[i] >= 0) {
-      side.from = pool->OnCut(polygon[i], polygon[next], *cut.half_space, cut.level);
+      side.from = pool->OnCut(polygon[i], polygon[next], *cut.half_space, cut.rank);
       points.push_back(side.from);
     } else {
-      side.to = pool->OnCut(polygon[next], polygon[i], *cut.half_space, cut.level);
+      side.to = pool->OnCut(polygon[next], polygon[i], *cut.half_space, cut.rank);
       points.push_back(side.to);
     }
   }
@@ -118,9 +131,9 @@ std::vector<std::array<std::size_t, 3>> SplitByQuality(
     for (std::size_t i = 0; i + length < size; ++i) {
       const std::size_t j = i + length;
       for (std::size_t k = i + 1; k < j; ++k) {
-        const double of_k = std::min({best[i * size + k], best[k * size + j], quality(i, k, j)});
-        if (k == i + 1 || of_k > best[i * size + j]) {
-          best[i * size + j] = of_k;
+        const double worst = std::min({best[i * size + k], best[k * size + j], quality(i, k, j)});
+        if (k == i + 1 || worst > best[i * size + j]) {
+          best[i * size + j] = worst;
           middle[i * size + j] = k;
         }
       }

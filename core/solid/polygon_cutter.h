@@ -29,7 +29,7 @@ struct PlaneSide {
 // A half-space that cuts.
 struct Cut {
   const view::HalfSpace* half_space = nullptr;
-  int level = 1;  // of the half-space, from 1
+  int rank = 1;  // of the half-space, from 1
   // What a corner on the border is. kInside: as one that lies a little inside, so that every edge
   // that leaves the half-space gets a vertex. The cut of a closed solid is closed then, with parts
   // that have no area. kBorder: a part that only touches the border is dropped, a corner stays as

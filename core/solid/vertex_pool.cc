@@ -55,11 +55,11 @@ math::Vec3f VertexPool::PositionOnEdge(SampleIndex lower, int axis) const {
 VertexId VertexPool::OnEdge(SampleIndex lower, int axis) {
   const std::size_t edge = 3 * lower + static_cast<std::size_t>(axis);
   if (on_edges_[edge] == kNone) {
-    const std::uint32_t of_mesh = mesh_vertices_[edge];
+    const std::uint32_t mesh_vertex = mesh_vertices_[edge];
     const auto key = static_cast<std::uint32_t>(edge);
     on_edges_[edge] =
-        of_mesh != kNone
-            ? Add(mesh_->positions[of_mesh], mesh_->normals[of_mesh], {0, of_mesh}, key)
+        mesh_vertex != kNone
+            ? Add(mesh_->positions[mesh_vertex], mesh_->normals[mesh_vertex], {0, mesh_vertex}, key)
             : Add(PositionOnEdge(lower, axis), {}, {0, kFirstOther + key}, key);
   }
   return on_edges_[edge];
@@ -76,7 +76,7 @@ VertexId VertexPool::AtSample(SampleIndex sample) {
 }
 
 VertexId VertexPool::OnCut(VertexId inside, VertexId outside, const view::HalfSpace& half_space,
-                           int level) {
+                           int cut_rank) {
   const auto [entry, is_new] = on_cuts_.try_emplace({inside, outside}, kNone);
   if (!is_new) {
     return entry->second;
@@ -93,7 +93,7 @@ VertexId VertexPool::OnCut(VertexId inside, VertexId outside, const view::HalfSp
   const double length = math::Length(normal);
   const math::Vec3f position = math::FloatOf(between(a.position, b.position));
   entry->second = Add(position, length > 0 ? math::FloatOf(normal * (1 / length)) : math::Vec3f{},
-                      {level, static_cast<std::uint32_t>(vertices_.size())}, kNoEdge);
+                      {cut_rank, static_cast<std::uint32_t>(vertices_.size())}, kNoEdge);
   return entry->second;
 }
 

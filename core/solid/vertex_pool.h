@@ -38,7 +38,7 @@ class VertexPool {
  public:
   explicit VertexPool(const mesh::WorldPlacement& placement) : placement_(placement) {}
 
-  // Forgets all vertices. `mesh`: the block's, with edge keys, for normals and order. Both must
+  // Drops all vertices. `mesh`: the block's, with edge keys, for normals and order. Both must
   // outlive the next calls.
   void Begin(const BlockField& field, const mesh::BlockMesh& mesh);
 
@@ -48,8 +48,9 @@ class VertexPool {
   VertexId OnEdge(SampleIndex lower, int axis);
   VertexId AtSample(SampleIndex sample);
   // The vertex where an edge meets the border of a half-space.
-  // inside, outside: its ends; level: of the half-space, from 1
-  VertexId OnCut(VertexId inside, VertexId outside, const view::HalfSpace& half_space, int level);
+  // inside, outside: its ends; cut_rank: as Cut::rank
+  VertexId OnCut(VertexId inside, VertexId outside, const view::HalfSpace& half_space,
+                 int cut_rank);
 
   [[nodiscard]] const SolidVertex& operator[](VertexId id) const { return vertices_[id]; }
   [[nodiscard]] bool Coincide(VertexId a, VertexId b) const {

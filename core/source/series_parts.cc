@@ -20,20 +20,10 @@ namespace {
 class PartSeries final : public VolumeSeries {
  public:
   PartSeries(std::unique_ptr<VolumeSeries> whole, int field, std::optional<int> component)
-      : whole_(std::move(whole)),
-        fields_{whole_->fields()[static_cast<std::size_t>(field)]},
+      : VolumeSeries(InfoOf(whole->info(), field, component.has_value())),
+        whole_(std::move(whole)),
         field_(field),
-        component_(component) {
-    if (component.has_value()) {
-      fields_[0].components = {""};
-    }
-  }
-
-  [[nodiscard]] const std::string& name() const override { return whole_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return whole_->times(); }
-  [[nodiscard]] const std::string& time_unit() const override { return whole_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return whole_->length_unit(); }
+        component_(component) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int /*field*/, int component,
                                                      int step) override {
@@ -44,8 +34,16 @@ class PartSeries final : public VolumeSeries {
   }
 
  private:
+  static SeriesInfo InfoOf(SeriesInfo info, int field, bool is_component) {
+    info.fields = {info.field(field)};
+    info.fields_elsewhere.clear();
+    if (is_component) {
+      info.fields[0].components = {""};
+    }
+    return info;
+  }
+
   const std::unique_ptr<VolumeSeries> whole_;
-  std::vector<SourceField> fields_;
   const int field_;
   const std::optional<int> component_;
 };
@@ -72,7 +70,7 @@ int ComponentNumber(const std::vector<std::string>& components, absl::string_vie
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
                                                          const std::string& file,
                                                          const std::string& part) {
-  const std::vector<SourceField>& fields = series->fields();
+  const std::vector<SourceField>& fields = series->info().fields;
   const std::optional<volume::FieldName> name =
       volume::FindFieldName(part, [&](absl::string_view text) -> std::optional<std::size_t> {
         const int field = FieldNumber(fields, text);
@@ -112,8 +110,8 @@ std::string DescribeSteps(const std::vector<double>& times, const std::string& u
                                       unit.empty() ? "" : " ", unit);
 }
 
-bool IsOneVolume(const VolumeSeries& series) {
-  return series.fields().size() == 1 && series.fields()[0].components.size() == 1 &&
+bool IsOneVolume(const SeriesInfo& series) {
+  return series.fields.size() == 1 && series.fields[0].components.size() == 1 &&
          series.step_count() == 1;
 }
 

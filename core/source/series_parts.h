@@ -26,7 +26,7 @@ std::string DescribeFields(const std::vector<SourceField>& fields);
 // "3, from 0 to 2 s"; "1, without a time".
 std::string DescribeSteps(const std::vector<double>& times, const std::string& unit);
 // True if the series has one field of one component, and one step.
-bool IsOneVolume(const VolumeSeries& series);
+bool IsOneVolume(const SeriesInfo& series);
 // Names of components: "" for one; x, y, z for three; else 0, 1, ...
 std::vector<std::string> ComponentNames(std::int64_t count);
 

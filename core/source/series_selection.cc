@@ -19,31 +19,13 @@ namespace {
 
 class SelectedSeries final : public VolumeSeries {
  public:
-  SelectedSeries(std::unique_ptr<VolumeSeries> source, std::vector<int> fields,
+  SelectedSeries(SeriesInfo info, std::unique_ptr<VolumeSeries> source, std::vector<int> fields,
                  std::vector<int> steps)
-      : source_(std::move(source)),
+      : VolumeSeries(std::move(info)),
+        source_(std::move(source)),
         field_indices_(std::move(fields)),
-        step_numbers_(std::move(steps)) {
-    for (const int field : field_indices_) {
-      fields_.push_back(source_->fields()[static_cast<std::size_t>(field)]);
-    }
-    if (!source_->times().empty()) {
-      for (const int step : step_numbers_) {
-        times_.push_back(source_->times()[static_cast<std::size_t>(step)]);
-      }
-    }
-  }
-  void NameField(const std::string& name) { fields_.front().name = name; }
-  void SetTime(double time) { times_ = {time}; }
+        step_numbers_(std::move(steps)) {}
 
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return source_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return source_->length_unit(); }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
-    return source_->FieldsElsewhere();
-  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     return source_->Open(field_indices_[static_cast<std::size_t>(field)], component,
                          step_numbers_[static_cast<std::size_t>(step)]);
@@ -59,13 +41,11 @@ class SelectedSeries final : public VolumeSeries {
   const std::unique_ptr<VolumeSeries> source_;
   const std::vector<int> field_indices_;  // in source_
   const std::vector<int> step_numbers_;   // in source_
-  std::vector<SourceField> fields_;
-  std::vector<double> times_;
 };
 
-absl::StatusOr<std::vector<int>> ChooseFields(const VolumeSeries& source,
+absl::StatusOr<std::vector<int>> ChooseFields(const SeriesInfo& source,
                                               const SeriesSelection& selection) {
-  const std::vector<SourceField>& all = source.fields();
+  const std::vector<SourceField>& all = source.fields;
   std::vector<int> chosen;
   if (selection.fields.empty() || selection.names_field) {
     for (int field = 0; field < static_cast<int>(all.size()); ++field) {
@@ -75,8 +55,8 @@ absl::StatusOr<std::vector<int>> ChooseFields(const VolumeSeries& source,
   if (selection.names_field && !selection.fields.empty() &&
       (all.size() > 1 || selection.fields.size() > 1)) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: has %d fields without names: the names of %d were given",
-                        source.name(), all.size(), selection.fields.size()));
+        absl::StrFormat("%s: has %d fields without names: the names of %d were given", source.name,
+                        all.size(), selection.fields.size()));
   }
   for (std::size_t i = 0; i < selection.fields.size() && !selection.names_field; ++i) {
     const auto found = std::find_if(all.begin(), all.end(), [&](const SourceField& field) {
@@ -84,7 +64,7 @@ absl::StatusOr<std::vector<int>> ChooseFields(const VolumeSeries& source,
     });
     if (found == all.end()) {
       return absl::InvalidArgumentError(
-          absl::StrFormat("%s: no field \"%s\"; it has %s%s", source.name(), selection.fields[i],
+          absl::StrFormat("%s: no field \"%s\"; it has %s%s", source.name, selection.fields[i],
                           absl::StrJoin(all, ", ",
                                         [](std::string* out, const SourceField& field) {
                                           absl::StrAppend(out, "\"", field.name, "\"");
@@ -101,13 +81,13 @@ absl::StatusOr<std::vector<int>> ChooseFields(const VolumeSeries& source,
   return chosen;
 }
 
-absl::StatusOr<std::vector<int>> ChooseSteps(const VolumeSeries& source,
+absl::StatusOr<std::vector<int>> ChooseSteps(const SeriesInfo& source,
                                              const std::optional<StepRange>& range) {
   const int step_count = source.step_count();
   const StepRange steps = range.value_or(StepRange{.first = 0, .last = step_count - 1});
   if (steps.last >= step_count) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: step %d: the source has steps 0 to %d",
-                                                      source.name(), steps.last, step_count - 1));
+                                                      source.name, steps.last, step_count - 1));
   }
   std::vector<int> chosen;
   for (int step = steps.first; step <= steps.last; step += steps.stride) {
@@ -118,11 +98,11 @@ absl::StatusOr<std::vector<int>> ChooseSteps(const VolumeSeries& source,
 
 }  // namespace
 
-std::string OtherGridAdvice(const VolumeSeries& source, absl::string_view field) {
-  for (const std::string& name : source.FieldsElsewhere()) {
+std::string OtherGridAdvice(const SeriesInfo& source, absl::string_view field) {
+  for (const std::string& name : source.fields_elsewhere) {
     if (field == name || absl::StartsWith(field, absl::StrCat(name, ":"))) {
       return absl::StrCat("; it lies on another grid: open ",
-                          base::ShellWord(absl::StrCat(source.name(), ":", name)));
+                          base::ShellWord(absl::StrCat(source.name, ":", name)));
     }
   }
   return "";
@@ -130,23 +110,33 @@ std::string OtherGridAdvice(const VolumeSeries& source, absl::string_view field)
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectFrom(std::unique_ptr<VolumeSeries> source,
                                                          const SeriesSelection& selection) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> fields, ChooseFields(*source, selection));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> steps, ChooseSteps(*source, selection.steps));
-  if (selection.time.has_value() && !source->times().empty()) {
+  SeriesInfo info = source->info();
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> fields, ChooseFields(info, selection));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<int> steps, ChooseSteps(info, selection.steps));
+  if (selection.time.has_value() && !info.times.empty()) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: a time was given, but the source has times of its own, %g to %g",
-                        source->name(), source->times().front(), source->times().back()));
+                        info.name, info.times.front(), info.times.back()));
   }
-  auto selected =
-      std::make_unique<SelectedSeries>(std::move(source), std::move(fields), std::move(steps));
+  info.fields.clear();
+  for (const int field : fields) {
+    info.fields.push_back(source->info().field(field));
+  }
   if (selection.names_field && !selection.fields.empty()) {
-    selected->NameField(selection.fields.front());
+    info.fields.front().name = selection.fields.front();
+  }
+  if (!info.times.empty()) {
+    info.times.clear();
+    for (const int step : steps) {
+      info.times.push_back(source->info().times[static_cast<std::size_t>(step)]);
+    }
   }
   if (selection.time.has_value()) {
     ISOSCOPE_CHECK(std::isfinite(*selection.time));
-    selected->SetTime(*selection.time);
+    info.times = {*selection.time};
   }
-  return selected;
+  return std::make_unique<SelectedSeries>(std::move(info), std::move(source), std::move(fields),
+                                          std::move(steps));
 }
 
 }  // namespace isoscope::source

@@ -32,7 +32,7 @@ struct SeriesSelection {
 
 // What to do about a field, or a component of one ("u:x"), that a source has on another grid: "; it
 // lies on another grid: open run.nc:u". "" if it has it nowhere.
-std::string OtherGridAdvice(const VolumeSeries& source, absl::string_view field);
+std::string OtherGridAdvice(const SeriesInfo& source, absl::string_view field);
 
 // INVALID_ARGUMENT: no such field (lists those there are) or step, a field twice, or a time
 // although the source has times.

@@ -1,7 +1,6 @@
 #include "core/source/single_series.h"
 
 #include <utility>
-#include <vector>
 
 #include "core/base/check.h"
 
@@ -11,13 +10,10 @@ namespace {
 class SingleSeries final : public VolumeSeries {
  public:
   explicit SingleSeries(SingleVolume single)
-      : single_(std::move(single)), fields_{{.name = single_.field}} {}
-
-  [[nodiscard]] const std::string& name() const override { return single_.path; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return time_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return single_.length_unit; }
+      : VolumeSeries({.name = single.path,
+                      .fields = {{.name = single.field}},
+                      .length_unit = single.length_unit}),
+        single_(std::move(single)) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_CHECK(field == 0 && component == 0 && step == 0);
@@ -26,9 +22,6 @@ class SingleSeries final : public VolumeSeries {
 
  private:
   SingleVolume single_;
-  const std::vector<SourceField> fields_;
-  const std::vector<double> times_;
-  const std::string time_unit_;
 };
 
 }  // namespace

@@ -3,9 +3,11 @@
 #ifndef ISOSCOPE_CORE_SOURCE_VOLUME_SERIES_H_
 #define ISOSCOPE_CORE_SOURCE_VOLUME_SERIES_H_
 
+#include <cstddef>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -23,6 +25,30 @@ struct SourceField {
   // Names of its components, without a magnitude: one "" for a scalar field; x, y, z for three that
   // the file does not name; else 0, 1, ...
   std::vector<std::string> components = {""};
+
+  friend bool operator==(const SourceField&, const SourceField&) = default;
+};
+
+// All that a series says of its volumes. A series that is made of another copies the info of the
+// inner series, and changes what it changes.
+struct SeriesInfo {
+  std::string name{};                 // path or name, for messages
+  std::vector<SourceField> fields{};  // at least one
+  // Names of fields that the file has on another grid: "b", if the path name + ":b" opens it.
+  std::vector<std::string> fields_elsewhere{};
+  // By step, strictly ascending, finite; empty: one step without a time.
+  std::vector<double> times{};
+  std::string time_unit{};    // may be empty
+  std::string length_unit{};  // may be empty
+
+  [[nodiscard]] int step_count() const {
+    return times.empty() ? 1 : static_cast<int>(times.size());
+  }
+  [[nodiscard]] const SourceField& field(int index) const {
+    return fields[static_cast<std::size_t>(index)];
+  }
+
+  friend bool operator==(const SeriesInfo&, const SeriesInfo&) = default;
 };
 
 // Thread-compatible.
@@ -30,21 +56,7 @@ class VolumeSeries {
  public:
   virtual ~VolumeSeries() = default;
 
-  // Path or name, for messages.
-  [[nodiscard]] virtual const std::string& name() const = 0;
-  // At least one.
-  [[nodiscard]] virtual const std::vector<SourceField>& fields() const = 0;
-  // By step, strictly ascending, finite; empty: one step without a time.
-  [[nodiscard]] virtual const std::vector<double>& times() const = 0;
-  [[nodiscard]] virtual const std::string& time_unit() const = 0;    // may be empty
-  [[nodiscard]] virtual const std::string& length_unit() const = 0;  // may be empty
-
-  // Names of fields that the file has on another grid: "b", if the path name() + ":b" opens it.
-  [[nodiscard]] virtual std::vector<std::string> FieldsElsewhere() const { return {}; }
-
-  [[nodiscard]] int step_count() const {
-    return times().empty() ? 1 : static_cast<int>(times().size());
-  }
+  [[nodiscard]] const SeriesInfo& info() const { return info_; }
 
   // Opens one component of one field at one step. All have the grid of the first: INVALID_ARGUMENT
   // names file, field, step and what differs. Otherwise errors of the format.
@@ -62,8 +74,14 @@ class VolumeSeries {
   // OpenIdentified (open_request.h), which alone knows both. ABORTED: a file has changed since.
   virtual absl::StatusOr<std::string> IdentityOfStep(int /*step*/) {
     return absl::UnimplementedError(
-        absl::StrCat(name(), ": nothing tells what decides its samples"));
+        absl::StrCat(info_.name, ": nothing tells what decides its samples"));
   }
+
+ protected:
+  explicit VolumeSeries(SeriesInfo info) : info_(std::move(info)) {}
+
+ private:
+  SeriesInfo info_;
 };
 
 }  // namespace isoscope::source

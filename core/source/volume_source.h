@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "absl/status/status.h"
 
@@ -15,44 +16,56 @@
 
 namespace isoscope::source {
 
+// All that a source says of its volume beside the samples. A source that is made of another copies
+// the info of the inner source, and changes what it changes.
+struct SourceInfo {
+  std::string name{};  // path or name, for messages
+  volume::GridGeometry geometry{};
+  volume::ScalarType type = volume::ScalarType::kUint8;
+  // The meaning of the world axes on the patient; not set if the file does not say.
+  std::optional<volume::PatientFrame> patient_frame{};
+  // A sentence without its end, for people: how the grid differs from that of the file. Empty: it
+  // does not.
+  std::string note{};
+  // Samples are interpolated between those of the file, with holes for GridRules::fill.
+  bool is_resampled = false;
+  bool is_seekable = true;        // rows in any order cost no more than in ascending order
+  std::int64_t memory_bytes = 0;  // while it is read, for the memory limit
+
+  [[nodiscard]] std::int64_t row_bytes() const {
+    return geometry.sample_dims.x * static_cast<std::int64_t>(volume::SizeOf(type));
+  }
+
+  friend bool operator==(const SourceInfo&, const SourceInfo&) = default;
+};
+
 // Thread-compatible.
 class VolumeSource {
  public:
   virtual ~VolumeSource() = default;
 
-  [[nodiscard]] virtual const volume::GridGeometry& geometry() const = 0;
-  [[nodiscard]] virtual volume::ScalarType scalar_type() const = 0;
-  // The meaning of the world axes on the patient; not set if the file does not say.
-  [[nodiscard]] virtual std::optional<volume::PatientFrame> patient_frame() const {
-    return std::nullopt;
-  }
-  // Path or name, for messages.
-  [[nodiscard]] virtual const std::string& name() const = 0;
-  // A sentence without its end, for people: how the grid differs from that of the file. Empty: it
-  // does not.
-  [[nodiscard]] virtual std::string note() const { return ""; }
-  // True if samples are interpolated between those of the file, with holes for GridRules::fill.
-  [[nodiscard]] virtual bool is_resampled() const { return false; }
+  [[nodiscard]] const SourceInfo& info() const { return info_; }
 
   // Reads rows [begin_row, end_row), row = z * ny + y, as [row][x], x fastest, little-endian, into
   // `out`, which holds (end_row - begin_row) * nx * SizeOf(type) bytes. Runs of rows may overlap;
-  // they are asked for in ascending order of begin_row within a pass, unless is_seekable(); a pass
-  // may start over at 0. Memory beside `out`: memory_bytes(), however many rows.
+  // they are asked for in ascending order of begin_row within a pass, unless it is_seekable; a pass
+  // may start over at 0. Memory beside `out`: memory_bytes, however many rows.
   // INVALID_ARGUMENT if the file ends early (names bytes expected and found), DATA_LOSS if it is
   // damaged or can't be decoded.
   // REQUIRES: 0 <= begin_row < end_row <= ny * nz.
   virtual absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) = 0;
 
-  // True if rows in any order cost no more than in ascending order.
-  [[nodiscard]] virtual bool is_seekable() const { return true; }
-  // Memory while it is read, for the memory limit.
-  [[nodiscard]] virtual std::int64_t memory_bytes() const { return 0; }
-
   // Reads planes [begin_z, end_z).
   absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) {
-    const std::int64_t rows = geometry().sample_dims.y;
+    const std::int64_t rows = info_.geometry.sample_dims.y;
     return ReadRows(begin_z * rows, end_z * rows, out);
   }
+
+ protected:
+  explicit VolumeSource(SourceInfo info) : info_(std::move(info)) {}
+
+ private:
+  SourceInfo info_;
 };
 
 }  // namespace isoscope::source

@@ -1,3 +1,13 @@
+// Members that the manifests of volumes and of series share. Each has a function that makes the
+// JSON and one that reads it. Readers record the first error in the JsonFields that they are given,
+// and name the file in it; they leave the result as it was then.
+//
+//   "spacing"        [x, y, z]
+//   "direction"      {"x": [x, y, z], "y": ..., "z": ...}   the columns
+//   "value_range"    {"min": 0, "max": 255}
+//   "finite_range"   as value_range; only beside one with an infinite end
+//   "labels"         [{"value": 3, "name": "lung", "color": "#80c0ff"}]; only the value must be there
+
 #include "core/store/manifest_members.h"
 
 #include <utility>

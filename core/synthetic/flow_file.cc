@@ -1,3 +1,17 @@
+// WriteFlow:
+//
+//   1. Sum up the bytes of all files, and compare them with the free space.
+//   2. Write each step to a partial file: header, fields, tail (docs/format/flow.md).
+//   3. When all steps are complete, remove the old .pvd and rename the partial files.
+//   4. Write the .pvd, which names the steps.
+//
+//   flow.pvd         the times and the names of the files
+//   flow_00000.vti   XML; behind its underscore, for each field, a uint64 of its bytes and the
+//                    float32 samples
+//   flow_00001.vti   ...
+//
+// Invariant: a .pvd names complete files only. StepFiles removes what an unfinished call has made.
+
 #include "core/synthetic/flow_file.h"
 
 #include <array>

@@ -65,12 +65,12 @@ inline double TurnsOf(double position) {
   return turns - ((turns + kShift) - kShift);
 }
 
-// One shear of the transport: positions -= shear * (a * of_a + b * of_b), and the sines and cosines
-// of the new positions, at most 1e-11 off. math::Sin would take 2 us for each of them.
-void ShearLanes(double shear, double a, const Lanes& of_a, double b, const Lanes& of_b,
+// One shear of the transport: positions -= shear * (a * a_factor + b * b_factor), and the sines and
+// cosines of the new positions, at most 1e-11 off. math::Sin would take 2 us for each of them.
+void ShearLanes(double shear, double a, const Lanes& a_factor, double b, const Lanes& b_factor,
                 Lanes* __restrict positions, SinesAndCosines* __restrict result) {
   for (std::size_t i = 0; i < kLanes; ++i) {
-    (*positions)[i] -= shear * (a * of_a[i] + b * of_b[i]);
+    (*positions)[i] -= shear * (a * a_factor[i] + b * b_factor[i]);
     const double turns = TurnsOf((*positions)[i]);
     const double size = std::abs(turns);
     const double folded = 0.25 - std::abs(size - 0.25);
@@ -180,16 +180,16 @@ void FlowInstant::FillTemperature(const RowStart& row, float* values) const {
     std::copy_n(positions.begin() + static_cast<std::ptrdiff_t>(first), count, x.begin());
     y.fill(axes_[1].position[row.y]);
     z.fill(axes_[2].position[row.z]);
-    SinesAndCosines of_y;
-    SinesAndCosines of_z;
-    of_y.cosine.fill(axes_[1].cosine[row.y]);
-    of_z.sine.fill(axes_[2].sine[row.z]);
-    of_z.cosine.fill(axes_[2].cosine[row.z]);
+    SinesAndCosines y_wave;
+    SinesAndCosines z_wave;
+    y_wave.cosine.fill(axes_[1].cosine[row.y]);
+    z_wave.sine.fill(axes_[2].sine[row.z]);
+    z_wave.cosine.fill(axes_[2].cosine[row.z]);
     for (int step = 0; step < kTransportSteps; ++step) {
-      SinesAndCosines of_x;
-      ShearLanes(shear_, kA, of_z.sine, kC, of_y.cosine, &x, &of_x);
-      ShearLanes(shear_, kB, of_x.sine, kA, of_z.cosine, &y, &of_y);
-      ShearLanes(shear_, kC, of_y.sine, kB, of_x.cosine, &z, &of_z);
+      SinesAndCosines x_wave;
+      ShearLanes(shear_, kA, z_wave.sine, kC, y_wave.cosine, &x, &x_wave);
+      ShearLanes(shear_, kB, x_wave.sine, kA, z_wave.cosine, &y, &y_wave);
+      ShearLanes(shear_, kC, y_wave.sine, kB, x_wave.cosine, &z, &z_wave);
     }
     std::array<float, kLanes> temperatures;
     for (std::size_t i = 0; i < kLanes; ++i) {

@@ -1,3 +1,10 @@
+// Cameras are described as in VTK: eye, target, up, and a vertical angle or a height. Validate
+// rejects those that have no matrix, with the numbers in the message. Azimuth and Elevation turn
+// the eye around the target; up stays, and OrthogonalizeUp makes it perpendicular again.
+//
+// MakeDefaultCamera looks along -z at a sphere around the bounds: with a vertical angle of 30
+// degrees the eye is at radius / sin(15 degrees).
+
 #include "core/view/camera.h"
 
 #include <cmath>

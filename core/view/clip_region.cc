@@ -88,19 +88,19 @@ void Clipper::EraseOutside(const volume::BlockLayout& layout, volume::BlockSet* 
   };
   const std::int64_t slab = dims.x * dims.y;
   for (std::int64_t begin = 0; begin < slab * dims.z; begin += slab) {
-    const Side of_slab = side_of(begin, begin + slab - 1);
-    if (of_slab == Side::kOutside) {
+    const Side slab_side = side_of(begin, begin + slab - 1);
+    if (slab_side == Side::kOutside) {
       blocks->EraseRange(begin, begin + slab);
     }
-    if (of_slab != Side::kCut) {
+    if (slab_side != Side::kCut) {
       continue;
     }
     for (std::int64_t row = begin; row < begin + slab; row += dims.x) {
-      const Side of_row = side_of(row, row + dims.x - 1);
-      if (of_row == Side::kOutside) {
+      const Side row_side = side_of(row, row + dims.x - 1);
+      if (row_side == Side::kOutside) {
         blocks->EraseRange(row, row + dims.x);
       }
-      if (of_row != Side::kCut) {
+      if (row_side != Side::kCut) {
         continue;
       }
       for (std::int64_t id = row; id < row + dims.x; ++id) {

@@ -1,4 +1,4 @@
-// A pyramid of farthest depths over the composited image. Level 0 has a texel for each pixel; a
+// A pyramid of farthest depths over the composited image. Mip level 0 has a texel for each pixel; a
 // texel of level L + 1 holds the farthest of the 2 x 2 texels below it. Levels 0 to 3 lie tile by
 // tile:
 //
@@ -142,7 +142,7 @@ void OcclusionMap::BuildTiles(const image::FrameImage& image) {
       const int tile_width = std::min(kTilePx, image.width - column * kTilePx);
       // Texels outside the image are nearer than everything, so coarser texels ignore them.
       if (tile_width < kTilePx || tile_height < kTilePx) {
-        std::fill_n(texels, kLevelOffset[1], 0.0F);
+        std::fill_n(texels, kMipLevelOffset[1], 0.0F);
       }
       for (int y = 0; y < tile_height; ++y) {
         const std::uint64_t* keys =
@@ -153,10 +153,10 @@ void OcclusionMap::BuildTiles(const image::FrameImage& image) {
           to[x] = keys[x] == image::kBackgroundKey ? kUncovered : depth;
         }
       }
-      Halve<8>(texels, texels + kLevelOffset[1]);
-      Halve<4>(texels + kLevelOffset[1], texels + kLevelOffset[2]);
-      Halve<2>(texels + kLevelOffset[2], texels + kLevelOffset[3]);
-      Halve<1>(texels + kLevelOffset[3], &plane.texels[tile]);
+      Halve<8>(texels, texels + kMipLevelOffset[1]);
+      Halve<4>(texels + kMipLevelOffset[1], texels + kMipLevelOffset[2]);
+      Halve<2>(texels + kMipLevelOffset[2], texels + kMipLevelOffset[3]);
+      Halve<1>(texels + kMipLevelOffset[3], &plane.texels[tile]);
     });
   };
   tbb::parallel_for(tbb::blocked_range<int>(0, rows), [&](const tbb::blocked_range<int>& range) {
@@ -188,36 +188,38 @@ void OcclusionMap::BuildPlanes() {
   }
 }
 
-float OcclusionMap::TexelAt(int level, int x, int y) const {
-  if (level >= kTileLevels) {
-    const Plane& plane = planes_[static_cast<std::size_t>(level - kTileLevels)];
+float OcclusionMap::TexelAt(int mip_level, int x, int y) const {
+  if (mip_level >= kTileMipLevels) {
+    const Plane& plane = planes_[static_cast<std::size_t>(mip_level - kTileMipLevels)];
     return plane.texels[static_cast<std::size_t>(y) * static_cast<std::size_t>(plane.width) +
                         static_cast<std::size_t>(x)];
   }
-  const int side_bits = kTileLevels - level;
+  const int side_bits = kTileMipLevels - mip_level;
   const int mask = (1 << side_bits) - 1;
   const std::size_t tile =
       static_cast<std::size_t>(y >> side_bits) * static_cast<std::size_t>(planes_.front().width) +
       static_cast<std::size_t>(x >> side_bits);
-  return tiles_[stored_index_[tile] * kTileTexels + kLevelOffset[static_cast<std::size_t>(level)] +
+  return tiles_[stored_index_[tile] * kTileTexels +
+                kMipLevelOffset[static_cast<std::size_t>(mip_level)] +
                 static_cast<std::size_t>((y & mask) << side_bits | (x & mask))];
 }
 
-bool OcclusionMap::IsNearer(int level, int x, int y, const view::PixelRect& rect,
+bool OcclusionMap::IsNearer(int mip_level, int x, int y, const view::PixelRect& rect,
                             float limit) const {
-  if (TexelAt(level, x, y) < limit) {
+  if (TexelAt(mip_level, x, y) < limit) {
     return true;
   }
   // The pixels of this texel, and those of them that lie in the rectangle.
-  const view::PixelRect whole{x << level, y << level, std::min((x + 1) << level, width_px_),
-                              std::min((y + 1) << level, height_px_)};
+  const view::PixelRect whole{x << mip_level, y << mip_level,
+                              std::min((x + 1) << mip_level, width_px_),
+                              std::min((y + 1) << mip_level, height_px_)};
   const view::PixelRect common{
       std::max(whole.begin_x, rect.begin_x), std::max(whole.begin_y, rect.begin_y),
       std::min(whole.end_x, rect.end_x), std::min(whole.end_y, rect.end_y)};
   if (common == whole) {
     return false;  // the farthest pixel is in the rectangle
   }
-  const int finer = level - 1;
+  const int finer = mip_level - 1;
   for (int child_y = common.begin_y >> finer; child_y <= (common.end_y - 1) >> finer; ++child_y) {
     for (int child_x = common.begin_x >> finer; child_x <= (common.end_x - 1) >> finer; ++child_x) {
       if (!IsNearer(finer, child_x, child_y, common, limit)) {
@@ -240,13 +242,13 @@ bool OcclusionMap::Hides(const view::Footprint& footprint) const {
                  rect.end_y <= height_px_);
   const float limit = LimitOf(footprint);
   const int extent = std::max(rect.end_x - rect.begin_x, rect.end_y - rect.begin_y);
-  int level = 0;
-  while (extent >> level > kStartTexels && level + 1 < level_count()) {
-    ++level;
+  int mip_level = 0;
+  while (extent >> mip_level > kStartTexels && mip_level + 1 < mip_level_count()) {
+    ++mip_level;
   }
-  for (int y = rect.begin_y >> level; y <= (rect.end_y - 1) >> level; ++y) {
-    for (int x = rect.begin_x >> level; x <= (rect.end_x - 1) >> level; ++x) {
-      if (!IsNearer(level, x, y, rect, limit)) {
+  for (int y = rect.begin_y >> mip_level; y <= (rect.end_y - 1) >> mip_level; ++y) {
+    for (int x = rect.begin_x >> mip_level; x <= (rect.end_x - 1) >> mip_level; ++x) {
+      if (!IsNearer(mip_level, x, y, rect, limit)) {
         return false;
       }
     }
@@ -254,20 +256,20 @@ bool OcclusionMap::Hides(const view::Footprint& footprint) const {
   return true;
 }
 
-std::uint32_t OcclusionMap::OpenTexels(int level, int y, int begin_x, int end_x,
+std::uint32_t OcclusionMap::OpenTexels(int mip_level, int y, int begin_x, int end_x,
                                        float limit) const {
-  if (level >= kTileLevels) {
-    const Plane& plane = planes_[static_cast<std::size_t>(level - kTileLevels)];
+  if (mip_level >= kTileMipLevels) {
+    const Plane& plane = planes_[static_cast<std::size_t>(mip_level - kTileMipLevels)];
     return OpenBits(
         plane.texels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(plane.width),
         begin_x, end_x, limit);
   }
-  const int side_bits = kTileLevels - level;
+  const int side_bits = kTileMipLevels - mip_level;
   const int side = 1 << side_bits;
   const std::uint32_t* row_indices =
       stored_index_.data() +
       static_cast<std::size_t>(y >> side_bits) * static_cast<std::size_t>(planes_.front().width);
-  const std::size_t row = kLevelOffset[static_cast<std::size_t>(level)] +
+  const std::size_t row = kMipLevelOffset[static_cast<std::size_t>(mip_level)] +
                           (static_cast<std::size_t>(y & (side - 1)) << side_bits);
   std::uint32_t open = 0;
   for (int x = begin_x; x < end_x;) {

@@ -63,13 +63,14 @@ class OcclusionMap {
   [[nodiscard]] image::PixelMask OpenPixels(const view::Footprint& footprint) const;
 
  private:
-  // Levels 0 to 3 of the pyramid are kept tile by tile, so that all tiles without a fragment share
-  // one; level 4, with one texel a tile, and coarser ones are kept as planes.
-  static constexpr int kTileLevels = 4;
-  static_assert(image::TileSet::kTilePx == 1 << kTileLevels);
+  // Mip levels 0 to 3 of the pyramid are kept tile by tile, so that all tiles without a fragment
+  // share one; level 4, with one texel a tile, and coarser ones are kept as planes.
+  static constexpr int kTileMipLevels = 4;
+  static_assert(image::TileSet::kTilePx == 1 << kTileMipLevels);
   // Offset of levels 0 to 3 in the texels of a tile, and the count of all.
-  static constexpr std::array<std::size_t, kTileLevels + 1> kLevelOffset{0, 256, 320, 336, 340};
-  static constexpr std::size_t kTileTexels = kLevelOffset[kTileLevels];
+  static constexpr std::array<std::size_t, kTileMipLevels + 1> kMipLevelOffset{0, 256, 320, 336,
+                                                                               340};
+  static constexpr std::size_t kTileTexels = kMipLevelOffset[kTileMipLevels];
   // The texel of an uncovered pixel: farther than every depth.
   static constexpr float kUncovered = 2.0F;
 
@@ -85,15 +86,17 @@ class OcclusionMap {
   [[nodiscard]] float LimitOf(const view::Footprint& footprint) const {
     return kind_ == MapKind::kMask ? kUncovered : footprint.nearest_depth;
   }
-  [[nodiscard]] int level_count() const { return kTileLevels + static_cast<int>(planes_.size()); }
+  [[nodiscard]] int mip_level_count() const {
+    return kTileMipLevels + static_cast<int>(planes_.size());
+  }
   // Returns texel (x, y) of a level: the farthest depth of its pixels.
-  [[nodiscard]] float TexelAt(int level, int x, int y) const;
+  [[nodiscard]] float TexelAt(int mip_level, int x, int y) const;
   // Returns one bit a texel of [begin_x, end_x), lowest first: set if texel (x, y) of a level is
   // not nearer than `limit`. REQUIRES: at most 32 texels.
-  [[nodiscard]] std::uint32_t OpenTexels(int level, int y, int begin_x, int end_x,
+  [[nodiscard]] std::uint32_t OpenTexels(int mip_level, int y, int begin_x, int end_x,
                                          float limit) const;
-  // Returns true if all pixels of `rect` in texel (x, y) of `level` are nearer than `limit`.
-  [[nodiscard]] bool IsNearer(int level, int x, int y, const view::PixelRect& rect,
+  // Returns true if all pixels of `rect` in texel (x, y) of `mip_level` are nearer than `limit`.
+  [[nodiscard]] bool IsNearer(int mip_level, int x, int y, const view::PixelRect& rect,
                               float limit) const;
 
   MapKind kind_ = MapKind::kDepth;

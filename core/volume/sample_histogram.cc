@@ -1,3 +1,15 @@
+// BinsOf finds the finest grid of bins on which the range of the samples has at most
+// kMaxHistogramBins:
+//
+//   1. Integers begin at exponent 0. Floats begin where a bin is the last bit of the largest
+//      magnitude, because finer bins separate no values.
+//   2. The width of the range gives a first guess, at most 2 below the result.
+//   3. Each further exponent halves the count, until it fits.
+//
+// GroupBins cuts the bins of a range into groups of equal size, as many as an answer may have.
+// AddPart adds the answer of another agent: bins and range of one dataset are equal, so others are
+// an error.
+
 #include "core/volume/sample_histogram.h"
 
 #include <algorithm>

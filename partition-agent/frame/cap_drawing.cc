@@ -109,8 +109,8 @@ class Drawing {
     ISOSCOPE_RETURN_IF_ERROR(ChooseBlocks());
     std::vector<char> is_painted(with_samples_.size(), 0);
     base::RunIn(resources_.arena, [&] {
-      tbb::parallel_for(std::size_t{0}, of_span_.size(),
-                        [&](std::size_t i) { Paint(of_span_[i], nullptr, {}); });
+      tbb::parallel_for(std::size_t{0}, whole_.size(),
+                        [&](std::size_t i) { Paint(whole_[i], nullptr, {}); });
       tbb::parallel_for(std::size_t{0}, with_samples_.size(), [&](std::size_t i) {
         is_painted[i] = PaintCached(with_samples_[i]) ? 1 : 0;
       });
@@ -151,7 +151,7 @@ class Drawing {
         const CapPainter::Need need = painter_.NeedOf(reader.block_id(ordinal), reader.ranges());
         if (need != CapPainter::Need::kNothing) {
           ISOSCOPE_RETURN_IF_ERROR(colors_.CheckBlock(shard, ordinal, reader.block_id(ordinal)));
-          (need == CapPainter::Need::kSpan ? of_span_ : with_samples_).push_back({shard, ordinal});
+          (need == CapPainter::Need::kSpan ? whole_ : with_samples_).push_back({shard, ordinal});
         }
       }
     }
@@ -198,12 +198,12 @@ class Drawing {
       if (!volume.has_value()) {
         continue;
       }
-      const Shard& of_field = *colors_.shards()[colors_.IndexOf(*volume, block.shard_index)];
-      held.push_back(resources_.cache->FindSamples(of_field, block.ordinal));
+      const Shard& field_shard = *colors_.shards()[colors_.IndexOf(*volume, block.shard_index)];
+      held.push_back(resources_.cache->FindSamples(field_shard, block.ordinal));
       if (held.back() == nullptr) {
         return false;
       }
-      fields[*volume] = SamplesOf(of_field, block.ordinal, *held.back());
+      fields[*volume] = SamplesOf(field_shard, block.ordinal, *held.back());
     }
     const volume::BlockSamples samples = SamplesOf(shard, block.ordinal, *cached);
     Paint(block, &samples, fields);
@@ -217,7 +217,7 @@ class Drawing {
   const base::Cancellation& cancellation_;
   CapSink& sink_;
   std::vector<std::optional<std::size_t>> shown_volumes_;  // by surface: that its caps show
-  std::vector<BlockToRead> of_span_;                       // blocks that are inside as a whole
+  std::vector<BlockToRead> whole_;                         // blocks that are inside as a whole
   std::vector<BlockToRead> with_samples_;                  // ascending
 };
 

@@ -217,8 +217,8 @@ std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
   const base::ScopedTimer timer(&statistics_.busy_duration);
   return base::RunIn(resources_.arena, [&] {
     std::vector<std::string> bands = composite::EncodePixels(image);
-    std::vector<std::string> of_layers = composite::EncodeLayers(layers_);
-    std::move(of_layers.begin(), of_layers.end(), std::back_inserter(bands));
+    std::vector<std::string> layer_bands = composite::EncodeLayers(layers_);
+    std::move(layer_bands.begin(), layer_bands.end(), std::back_inserter(bands));
     return bands;
   });
 }
@@ -339,9 +339,9 @@ absl::StatusOr<image::FrameImage> FramePipeline::Draw(const std::vector<ChosenMe
 // Caps occlude the blocks behind them. The 1-bit mask has no depth, so with it they come last.
 absl::StatusOr<image::FrameImage> FramePipeline::DrawWithCaps(const std::vector<ChosenMesh>& chosen,
                                                               std::size_t block_count,
-                                                              frame::Culling of_culling) {
+                                                              frame::Culling cap_culling) {
   absl::StatusOr<image::FrameImage> image = Draw(chosen, block_count);
-  if (!image.ok() || !task_.spec.caps.has_value() || task_.spec.culling != of_culling) {
+  if (!image.ok() || !task_.spec.caps.has_value() || task_.spec.culling != cap_culling) {
     return image;
   }
   const base::TraceScope trace(resources_.trace, "caps");

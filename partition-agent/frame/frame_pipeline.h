@@ -102,7 +102,7 @@ class FramePipeline {
                                          std::size_t block_count);
   absl::StatusOr<image::FrameImage> DrawWithCaps(const std::vector<ChosenMesh>& chosen,
                                                  std::size_t block_count,
-                                                 frame::Culling of_culling);
+                                                 frame::Culling cap_culling);
 
   const Shards shards_;
   const ColorVolumes colors_;

@@ -31,8 +31,8 @@ std::shared_ptr<const volume::BlockSet> BlocksThatStopRays(const store::ShardRea
     return active.front();  // no copy
   }
   auto blocks = std::make_shared<volume::BlockSet>(reader.layout().block_count());
-  for (const std::shared_ptr<const volume::BlockSet>& of_surface : active) {
-    blocks->UnionWith(*of_surface);
+  for (const std::shared_ptr<const volume::BlockSet>& surface_blocks : active) {
+    blocks->UnionWith(*surface_blocks);
   }
   clipper.EraseOutside(reader.layout(), blocks.get());
   return blocks;

@@ -1,3 +1,17 @@
+// The directory of a series has a manifest, which names volumes, and a folder for each that is
+// there. Partitioning and copies add folders while the agent serves.
+//
+//   Refresh      reads the manifest again if its file has changed, or if folders were missing; one
+//                thread at a time, others go on with the volumes known before
+//   FindVolumes  keeps the volumes whose folders have a manifest, which is written last
+//   OpenVolume   opens the files of a volume when a frame first needs it: OpenOnce lets others wait
+//                for the same volume, so that they find it open; Opening::kAhead does not wait
+//   OpenVolumes  keeps the volumes used last, by their memory; a frame's pointers keep the files of
+//                volumes that were closed here
+//
+// Invariant: a volume keeps its shard number for the life of the agent, so that caches know its
+// blocks again after it was closed.
+
 #include "partition-agent/shard/series_shard.h"
 
 #include <algorithm>

@@ -1,3 +1,16 @@
+// HistogramOfShards:
+//
+//   1. Add up the sample counts that partitioning stored with the shards. Without them, the bins
+//      follow from the range of values alone, and the answer has no counts.
+//   2. Group the bins, as many as the answer may have.
+//   3. Give each block's cost to the groups at whose centre it is active. Blocks are in memory as
+//      spans, so no block is read.
+//
+// CostSums, for a block that is active at the centres 2 to 4 of 6 groups and costs c:
+//
+//   differences   0  0 +c  0  0 -c
+//   sums          0  0  c  c  c  0
+
 #include "partition-agent/shard/shard_histogram.h"
 
 #include <algorithm>

@@ -25,11 +25,11 @@ namespace {
 using SharedBytes = std::shared_ptr<const std::string>;
 
 absl::Status Differs(const store::ShardReader& drawn, const store::ShardReader& color,
-                     const std::string& of_drawn, const std::string& of_color) {
+                     const std::string& drawn_value, const std::string& color_value) {
   return absl::FailedPreconditionError(absl::StrFormat(
       "dataset id %s has %s, dataset id %s whose samples colour its surfaces has %s: both must be "
       "cut alike",
-      drawn.manifest().dataset_id, of_drawn, color.manifest().dataset_id, of_color));
+      drawn.manifest().dataset_id, drawn_value, color.manifest().dataset_id, color_value));
 }
 
 absl::Status CheckCut(const store::ShardReader& drawn, const store::ShardReader& color) {
@@ -169,14 +169,14 @@ std::vector<BlockToRead> DrawnBlocks(std::span<const ColoredBlock> blocks) {
 absl::StatusOr<ColorVolumes> ColorVolumes::Make(const Shards& shards,
                                                 const std::vector<Shards>& by_surface) {
   ColorVolumes volumes;
-  for (const Shards& of_surface : by_surface) {
+  for (const Shards& surface_shards : by_surface) {
     std::optional<std::size_t>& volume = volumes.volume_of_.emplace_back();
-    if (of_surface.empty()) {
+    if (surface_shards.empty()) {
       continue;
     }
-    ISOSCOPE_CHECK_EQ(of_surface.size(), shards.size());
+    ISOSCOPE_CHECK_EQ(surface_shards.size(), shards.size());
     for (std::size_t known = 0; known < volumes.volume_count_ && !volume.has_value(); ++known) {
-      if (volumes.shards_[known * shards.size()] == of_surface.front()) {
+      if (volumes.shards_[known * shards.size()] == surface_shards.front()) {
         volume = known;
       }
     }
@@ -184,10 +184,10 @@ absl::StatusOr<ColorVolumes> ColorVolumes::Make(const Shards& shards,
       continue;
     }
     for (std::size_t i = 0; i < shards.size(); ++i) {
-      ISOSCOPE_RETURN_IF_ERROR(CheckCut(*shards[i]->reader, *of_surface[i]->reader));
+      ISOSCOPE_RETURN_IF_ERROR(CheckCut(*shards[i]->reader, *surface_shards[i]->reader));
     }
     volume = volumes.volume_count_++;
-    volumes.shards_.insert(volumes.shards_.end(), of_surface.begin(), of_surface.end());
+    volumes.shards_.insert(volumes.shards_.end(), surface_shards.begin(), surface_shards.end());
   }
   return volumes;
 }

@@ -195,13 +195,13 @@ bool MeshSupply::Find(const ChosenMesh& chosen, MeshWorker* worker) {
   }
   std::shared_ptr<const std::string> bytes_of_field;
   volume::BlockSamples field;
-  if (const Shard* const of_field = colors_.ShardOf(chosen.shard_index, chosen.surface_index);
-      of_field != nullptr) {
-    bytes_of_field = resources_.cache->FindSamples(*of_field, chosen.ordinal);
+  if (const Shard* const field_shard = colors_.ShardOf(chosen.shard_index, chosen.surface_index);
+      field_shard != nullptr) {
+    bytes_of_field = resources_.cache->FindSamples(*field_shard, chosen.ordinal);
     if (bytes_of_field == nullptr) {
       return false;
     }
-    field = SamplesOf(*of_field, chosen.ordinal, *bytes_of_field);
+    field = SamplesOf(*field_shard, chosen.ordinal, *bytes_of_field);
   }
   ++worker->cached_sample_count;
   Extract(SamplesOf(shard, chosen.ordinal, *samples), bytes_of_field != nullptr ? &field : nullptr,
@@ -276,18 +276,18 @@ absl::Status MeshSupply::AddRead(const std::vector<ChosenMesh>& chosen,
 }
 
 absl::Status MeshSupply::ExtractRead(const std::vector<ChosenMesh>& chosen,
-                                     std::span<const std::size_t> of_block,
+                                     std::span<const std::size_t> block_meshes,
                                      const volume::BlockSamples& samples,
                                      std::span<const volume::BlockSamples> fields, MeshSink* sink) {
   MeshWorker& worker = workers_.local();
   {
     const base::ScopedTimer timer(&worker.extract_time);
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    for (const std::size_t i : of_block) {
+    for (const std::size_t i : block_meshes) {
       const std::optional<std::size_t> volume = colors_.VolumeOf(chosen[i].surface_index);
       Extract(samples, volume.has_value() ? &fields[*volume] : nullptr, chosen[i], &worker);
     }
-    const ChosenMesh& first = chosen[of_block.front()];
+    const ChosenMesh& first = chosen[block_meshes.front()];
     resources_.cache->OfferSamples(ShardOf(first), first.ordinal, samples);
   }
   const bool is_worth_it =

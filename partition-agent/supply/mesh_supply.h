@@ -78,7 +78,7 @@ class MeshSupply {
   absl::Status AddRead(const std::vector<ChosenMesh>& chosen, std::vector<std::size_t> wanted,
                        MeshSink* sink, std::int64_t* read_bytes);
   absl::Status ExtractRead(const std::vector<ChosenMesh>& chosen,
-                           std::span<const std::size_t> of_block,
+                           std::span<const std::size_t> block_meshes,
                            const volume::BlockSamples& samples,
                            std::span<const volume::BlockSamples> fields, MeshSink* sink);
   absl::Status AddRest(MeshSink* sink);

@@ -173,9 +173,9 @@ class PointReader {
 
  private:
   void FindTriangles(const volume::BlockSamples& samples, SurfacePlaces* places) {
-    for (auto& [rule, of_surface] : *places) {
+    for (auto& [rule, surface_places] : *places) {
       const mesh::BlockMeshView mesh = extractor_.Extract(samples, rule);
-      for (SurfacePlace& place : of_surface) {
+      for (SurfacePlace& place : surface_places) {
         const bool is_on_cap = points_[place.point_index].is_on_cap;
         if (!is_on_cap) {
           place.on_surface = mesh::NearestPoint(mesh, place.position);
@@ -194,9 +194,9 @@ class PointReader {
 
   void AddValues(const volume::BlockSamples& samples, const volume::BlockSamples& field,
                  std::size_t volume, const SurfacePlaces& places) {
-    for (const auto& [rule, of_surface] : places) {
+    for (const auto& [rule, surface_places] : places) {
       const mesh::BlockMeshView mesh = extractor_.ExtractWithField(samples, rule, field);
-      for (const SurfacePlace& place : of_surface) {
+      for (const SurfacePlace& place : surface_places) {
         std::vector<double>& values = FoundOf(place).values;
         values.resize(volume_count_, std::numeric_limits<double>::quiet_NaN());
         values[volume] = place.on_surface.has_value()
@@ -234,10 +234,11 @@ absl::StatusOr<std::vector<PointValues>> ValuesAt(const Shards& shards,
   for (std::size_t shard = 0; shard < shards.size(); ++shard) {
     const store::ShardReader& reader = *shards[shard]->reader;
     for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-      if (const auto of_block = places.find(reader.block_id(ordinal)); of_block != places.end()) {
+      if (const auto block_places = places.find(reader.block_id(ordinal));
+          block_places != places.end()) {
         ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
         ISOSCOPE_RETURN_IF_ERROR(
-            point_reader.Read(shard, ordinal, &of_block->second, cancellation));
+            point_reader.Read(shard, ordinal, &block_places->second, cancellation));
       }
     }
   }

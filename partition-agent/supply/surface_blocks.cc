@@ -44,10 +44,10 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
 // range table, which is in memory, has them all in one pass.
 ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
   const store::ShardReader& reader = *shard.reader;
-  const std::shared_ptr<const volume::BlockSet> of_volume = reader.ActiveBlocks(rule);
+  const std::shared_ptr<const volume::BlockSet> volume_blocks = reader.ActiveBlocks(rule);
   auto active = std::make_shared<std::vector<ActiveBlock>>();
   for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-    if (of_volume->Contains(reader.block_id(ordinal))) {
+    if (volume_blocks->Contains(reader.block_id(ordinal))) {
       active->push_back({reader.block_id(ordinal), ordinal});
     }
   }

@@ -20,7 +20,7 @@ std::vector<FrameBoard::Frame> FrameBoard::Frames() const {
   const base::MutexLock lock(&mutex_);
   std::vector<Frame> frames;
   for (const Line& line : lines_) {
-    frames.push_back({line.note, line.step.load(std::memory_order_relaxed)});
+    frames.push_back({line.note, line.phase.load(std::memory_order_relaxed)});
   }
   return frames;
 }

@@ -17,7 +17,7 @@
 
 namespace isoscope::server {
 
-enum class FrameStep {
+enum class FramePhase {
   kQueued,
   kPreparing,
   kOccluderSelection,
@@ -40,11 +40,11 @@ class FrameBoard {
  private:
   struct Line {
     FrameNote note;
-    std::atomic<FrameStep> step{FrameStep::kQueued};
+    std::atomic<FramePhase> phase{FramePhase::kQueued};
   };
 
  public:
-  // A frame on the board, until it is destroyed. Its step may be set by any thread.
+  // A frame on the board, until it is destroyed. Its phase may be set by any thread.
   class Entry {
    public:
     Entry(Entry&& other) noexcept
@@ -56,7 +56,7 @@ class FrameBoard {
       }
     }
 
-    [[nodiscard]] std::atomic<FrameStep>* step() const { return &line_->step; }
+    [[nodiscard]] std::atomic<FramePhase>* phase() const { return &line_->phase; }
 
    private:
     friend class FrameBoard;
@@ -74,7 +74,7 @@ class FrameBoard {
 
   struct Frame {
     FrameNote note;
-    FrameStep step = FrameStep::kQueued;
+    FramePhase phase = FramePhase::kQueued;
   };
   // In the order of their arrival.
   [[nodiscard]] std::vector<Frame> Frames() const ABSL_LOCKS_EXCLUDED(mutex_);

@@ -13,21 +13,21 @@ std::string NameOf(const AgentIdentity& agent) {
                       absl::StrJoin(agent.shard_indices, ", "), ")");
 }
 
-const char* NameOf(FrameStage stage) {
+const char* NameOf(PartStage stage) {
   switch (stage) {
-    case FrameStage::kSelectingOccluders:
+    case PartStage::kSelectingOccluders:
       return "selecting occluders";
-    case FrameStage::kRenderingOccluders:
+    case PartStage::kRenderingOccluders:
       return "rendering occluders";
-    case FrameStage::kRenderingVisible:
+    case PartStage::kRenderingVisible:
       return "rendering visible blocks";
-    case FrameStage::kDone:
+    case PartStage::kDone:
       return "done";
-    case FrameStage::kEnded:
+    case PartStage::kEnded:
       return "ended";
-    case FrameStage::kExtracting:
+    case PartStage::kExtracting:
       return "extracting the surface";
-    case FrameStage::kAnswering:
+    case PartStage::kAnswering:
       return "answering a question";
   }
   return "";

@@ -24,7 +24,7 @@ struct AgentIdentity {
 std::string NameOf(const AgentIdentity& agent);
 
 // The stages of an agent's part of a frame, in order; then what an agent does for other requests.
-enum class FrameStage {
+enum class PartStage {
   kSelectingOccluders,  // step 1
   kRenderingOccluders,  // step 2
   kRenderingVisible,    // step 3; the whole frame with Culling::kNone
@@ -33,16 +33,15 @@ enum class FrameStage {
   kExtracting,          // no frame: the surface of an export
   kAnswering,           // no frame: a question, such as a histogram or the points of a pick
 };
-inline constexpr std::size_t kFrameStageCount =
-    static_cast<std::size_t>(FrameStage::kAnswering) + 1;
+inline constexpr std::size_t kPartStageCount = static_cast<std::size_t>(PartStage::kAnswering) + 1;
 
 // "selecting occluders", ...: for messages and logs.
-const char* NameOf(FrameStage stage);
+const char* NameOf(PartStage stage);
 
 struct AgentFailure {
   std::size_t part_index = 0;  // among the frame's parts
   AgentIdentity agent;
-  FrameStage stage = FrameStage::kSelectingOccluders;
+  PartStage stage = PartStage::kSelectingOccluders;
   // UNAVAILABLE: the agent or the way to it was lost. DEADLINE_EXCEEDED: it had not answered.
   // DATA_LOSS: it sent or read damaged bytes. Else its own error. Does not name the agent.
   absl::Status status;

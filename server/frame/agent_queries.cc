@@ -216,8 +216,9 @@ class Inquiry {
       question.winner = end.attempt;
       for (std::size_t i = 0; i < question.attempts.size(); ++i) {
         if (question.attempts[i].is_live && i < end.attempt) {
-          report_->outrun.push_back({.agent = question.agents[i].identity(),
-                                     .waited = base::MonotonicNow() - question.attempts[i].begin});
+          report_->lost_hedges.push_back(
+              {.agent = question.agents[i].identity(),
+               .waited = base::MonotonicNow() - question.attempts[i].begin});
         }
       }
       CancelLive(&question);
@@ -227,7 +228,7 @@ class Inquiry {
     report_->failures.push_back(
         {.part_index = end.question,
          .agent = question.agents[end.attempt].identity(),
-         .stage = FrameStage::kAnswering,
+         .stage = PartStage::kAnswering,
          // INVALID_ARGUMENT, which the client's request caused, stays what it is.
          .status = absl::IsInvalidArgument(status) ? status : CallStatus(status, false)});
     const bool is_final =
@@ -311,7 +312,7 @@ QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation
     if (!added.ok()) {
       AgentFailure failure{.part_index = i,
                            .agent = question.agents[*question.winner].identity(),
-                           .stage = FrameStage::kAnswering,
+                           .stage = PartStage::kAnswering,
                            .status = absl::InternalError(
                                absl::StrCat("sent a malformed answer: ", added.message()))};
       error = failure.ToStatus();

@@ -39,7 +39,7 @@ struct QueryTarget {
 };
 
 // An agent that was slower than another one with the same question.
-struct OutrunAgent {
+struct LostHedge {
   AgentIdentity agent;
   absl::Duration waited;  // since it was asked
 };
@@ -47,7 +47,7 @@ struct OutrunAgent {
 // The failures and delays of agents in one query.
 struct QueryReport {
   std::vector<AgentFailure> failures = {};  // includes agents that another one replaced
-  std::vector<OutrunAgent> outrun = {};
+  std::vector<LostHedge> lost_hedges = {};
 };
 
 template <typename T>

@@ -53,7 +53,7 @@ struct FrameEvent {
   Content content = {};
   // The stage that the event ends if it is the agent's next word; not set: the frame must look at
   // once.
-  std::optional<FrameStage> ended_stage = std::nullopt;
+  std::optional<PartStage> ended_stage = std::nullopt;
 };
 
 // In order of arrival. Thread-safe.
@@ -126,7 +126,7 @@ class EventQueue {
  private:
   // A stream ends right after its frame is done, so that end is not urgent.
   [[nodiscard]] bool IsUrgent(const FrameEvent& event) const ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
-    return event.ended_stage != needed_.stage && event.ended_stage != FrameStage::kDone;
+    return event.ended_stage != needed_.stage && event.ended_stage != PartStage::kDone;
   }
   [[nodiscard]] bool IsReady() const ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
     return has_urgent_one_ || has_lost_one_ || events_.size() >= needed_.count;
@@ -135,7 +135,7 @@ class EventQueue {
   mutable base::Mutex mutex_;
   base::CondVar arrived_;
   std::deque<FrameEvent> events_ ABSL_GUARDED_BY(mutex_);
-  FrameProtocol::Awaited needed_ ABSL_GUARDED_BY(mutex_){1, FrameStage::kSelectingOccluders};
+  FrameProtocol::Awaited needed_ ABSL_GUARDED_BY(mutex_){1, PartStage::kSelectingOccluders};
   bool has_urgent_one_ ABSL_GUARDED_BY(mutex_) = false;
   bool has_lost_one_ ABSL_GUARDED_BY(mutex_) = false;
 };
@@ -144,7 +144,7 @@ class EventQueue {
 class QueueingListener final : public AgentListener {
  public:
   // stage: the first stage of the attempt. Queue and gate outlive the listener.
-  QueueingListener(AttemptId id, FrameStage stage, EventQueue* queue, ReadGate* gate)
+  QueueingListener(AttemptId id, PartStage stage, EventQueue* queue, ReadGate* gate)
       : id_(id), queue_(queue), gate_(*gate), stage_(stage) {}
 
   void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
@@ -170,7 +170,7 @@ class QueueingListener final : public AgentListener {
 
  private:
   void Push(AgentWord word, FrameEvent::Content content, absl::Status status = absl::OkStatus()) {
-    std::optional<FrameStage> ended_stage = EndedStage(word, status);
+    std::optional<PartStage> ended_stage = EndedStage(word, status);
     if (ended_stage == stage_) {
       stage_ = NextStage(stage_);
     } else {
@@ -183,7 +183,7 @@ class QueueingListener final : public AgentListener {
   const AttemptId id_;
   EventQueue* const queue_;
   ReadGate& gate_;
-  FrameStage stage_;
+  PartStage stage_;
 };
 
 }  // namespace isoscope::server

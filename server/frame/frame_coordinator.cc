@@ -37,9 +37,9 @@ namespace {
 // The interval of checks for late parts, in a frame that has spare replicas.
 constexpr absl::Duration kWatchInterval = absl::Milliseconds(10);
 
-FrameStage FirstStage(const FrameSetup& setup) {
-  return setup.spec->culling == frame::Culling::kNone ? FrameStage::kRenderingVisible
-                                                      : FrameStage::kSelectingOccluders;
+PartStage FirstStage(const FrameSetup& setup) {
+  return setup.spec->culling == frame::Culling::kNone ? PartStage::kRenderingVisible
+                                                      : PartStage::kSelectingOccluders;
 }
 
 class Frame {
@@ -103,16 +103,16 @@ class Frame {
   };
 
   absl::Status BeginAndDrive() {
-    BeginPhase(FirstStage(setup_) == FrameStage::kSelectingOccluders
-                   ? FrameStep::kOccluderSelection
-                   : FrameStep::kVisibilityCulling);
+    BeginPhase(FirstStage(setup_) == PartStage::kSelectingOccluders
+                   ? FramePhase::kOccluderSelection
+                   : FramePhase::kVisibilityCulling);
     ISOSCOPE_RETURN_IF_ERROR(Do(protocol_.Begin(), nullptr));
-    if (FirstStage(setup_) == FrameStage::kSelectingOccluders) {
+    if (FirstStage(setup_) == PartStage::kSelectingOccluders) {
       reduction_.Prepare();  // while the agents cast rays
     }
-    while (protocol_.awaited().stage != FrameStage::kEnded) {
+    while (protocol_.awaited().stage != PartStage::kEnded) {
       ISOSCOPE_RETURN_IF_ERROR(HandleNextEvents());
-      if (protocol_.awaited().stage == FrameStage::kEnded) {
+      if (protocol_.awaited().stage == PartStage::kEnded) {
         // The frame continues if the last pixels of a part were damaged: the part is repeated.
         ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
       }
@@ -233,8 +233,8 @@ class Frame {
   }
 
   // All parts have reached `stage`: computes what they need, and sends it.
-  absl::Status BeginStep(FrameStage stage) {
-    if (stage == FrameStage::kRenderingVisible) {
+  absl::Status BeginStep(PartStage stage) {
+    if (stage == PartStage::kRenderingVisible) {
       ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
     }
     const Commands sends = protocol_.BeginStep(stage);
@@ -246,17 +246,17 @@ class Frame {
         Send(*it, blocks);
       }
     };
-    if (stage == FrameStage::kRenderingOccluders) {
+    if (stage == PartStage::kRenderingOccluders) {
       reduction_.SelectOccluders(send);
       EndPhase(&result_.occluder_selection_duration, base::MonotonicNow(), "occluder selection",
-               FrameStep::kOccluderRendering);
-    } else if (stage == FrameStage::kRenderingVisible) {
+               FramePhase::kOccluderRendering);
+    } else if (stage == PartStage::kRenderingVisible) {
       reduction_.SelectVisible(send);
       EndPhase(&result_.occluder_rendering_duration, base::MonotonicNow(), "occluder rendering",
-               FrameStep::kVisibilityCulling);
+               FramePhase::kVisibilityCulling);
     } else {  // compositing follows; this phase ends again if its last pixels are damaged
       EndPhase(&result_.visibility_culling_duration, last_arrival_, "visibility culling",
-               FrameStep::kFinishing);
+               FramePhase::kFinishing);
     }
     return absl::OkStatus();
   }
@@ -264,7 +264,7 @@ class Frame {
   // Several threads may call it, for different parts.
   void Send(const Command& command, Reduction::PartBlocks* blocks) {
     AgentLink& link = LinkOf(command.attempt);
-    if (command.stage == FrameStage::kRenderingOccluders) {
+    if (command.stage == PartStage::kRenderingOccluders) {
       link.SendOccluders(blocks->occluders);
     } else {
       link.SendVisibleBlocks(blocks->visible, command.is_only_attempt
@@ -275,9 +275,9 @@ class Frame {
 
   [[nodiscard]] AgentLink& LinkOf(AttemptId id) const { return *links_[id.part][id.replica].link; }
 
-  void BeginPhase(FrameStep step) {
-    if (setup_.step != nullptr) {
-      setup_.step->store(step, std::memory_order_relaxed);
+  void BeginPhase(FramePhase phase) {
+    if (setup_.phase != nullptr) {
+      setup_.phase->store(phase, std::memory_order_relaxed);
     }
     if (setup_.trace != nullptr) {
       phase_trace_start_ = base::TraceClock::now();
@@ -286,7 +286,7 @@ class Frame {
 
   // Notes the time since the last phase ended, and what comes next.
   void EndPhase(absl::Duration* duration, base::MonotonicTime end, const char* name,
-                FrameStep next) {
+                FramePhase next) {
     if (setup_.trace != nullptr) {
       setup_.trace->Add(name, phase_trace_start_, base::TraceClock::now());
     }

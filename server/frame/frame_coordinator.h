@@ -30,7 +30,7 @@ namespace isoscope::server {
 struct FrameSetup : ReductionSetup, ReplicaSetup {
   // While more bytes of bands wait to be composited, no message of an agent is read.
   std::size_t max_waiting_bytes = std::numeric_limits<std::size_t>::max();
-  std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
+  std::atomic<FramePhase>* phase = nullptr;  // null: nobody looks
 };
 
 struct FrameResult : ReducedFrame {

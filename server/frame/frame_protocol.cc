@@ -35,15 +35,15 @@ bool IsLoss(const absl::Status& status) {
 
 struct WordRule {
   const char* name;
-  std::optional<FrameStage> ends;
+  std::optional<PartStage> ends;
 };
 constexpr std::array<WordRule, 6> kWords = {{
     // indexed by AgentWord
-    {"ray hits", FrameStage::kSelectingOccluders},
+    {"ray hits", PartStage::kSelectingOccluders},
     {"pixels", std::nullopt},
-    {"the end of the occluders", FrameStage::kRenderingOccluders},
-    {"the end of the frame", FrameStage::kRenderingVisible},
-    {"the end of the stream", FrameStage::kDone},
+    {"the end of the occluders", PartStage::kRenderingOccluders},
+    {"the end of the frame", PartStage::kRenderingVisible},
+    {"the end of the stream", PartStage::kDone},
     {"damaged pixels", std::nullopt},
 }};
 constexpr const WordRule& RuleOf(AgentWord word) { return kWords[static_cast<std::size_t>(word)]; }
@@ -63,11 +63,11 @@ absl::Status OfLastAgent(const absl::Status& error, std::size_t attempt_count) {
 
 }  // namespace
 
-std::optional<FrameStage> EndedStage(AgentWord word, const absl::Status& status) {
+std::optional<PartStage> EndedStage(AgentWord word, const absl::Status& status) {
   return status.ok() ? RuleOf(word).ends : std::nullopt;
 }
 
-FrameProtocol::FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage,
+FrameProtocol::FrameProtocol(const ReplicaSetup& setup, PartStage first_stage,
                              base::MonotonicTime begin, base::MonotonicTime deadline)
     : setup_(setup),
       first_stage_(first_stage),
@@ -108,16 +108,16 @@ absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
   }
   last_arrival_ = event.arrival;
   // An agent that is lost after its last word has done its part.
-  const bool is_done = attempt.stage == FrameStage::kDone && absl::IsUnavailable(event.status);
+  const bool is_done = attempt.stage == PartStage::kDone && absl::IsUnavailable(event.status);
   if (!event.status.ok() && !is_done) {
     return absl::IsDeadlineExceeded(event.status) ? absl::StatusOr<Commands>(event.status)
                                                   : Fail(event.from, event.status);
   }
   // A step begins once all parts have reached its stage.
-  const bool is_asked = step_ >= std::min(attempt.stage, FrameStage::kRenderingVisible);
+  const bool is_asked = step_ >= std::min(attempt.stage, PartStage::kRenderingVisible);
   if (event.word == AgentWord::kPixels) {
-    const bool draws = attempt.stage == FrameStage::kRenderingOccluders ||
-                       attempt.stage == FrameStage::kRenderingVisible;
+    const bool draws = attempt.stage == PartStage::kRenderingOccluders ||
+                       attempt.stage == PartStage::kRenderingVisible;
     return draws && is_asked ? Commands{{.attempt = event.from}} : OutOfOrder(event);
   }
   if (RuleOf(event.word).ends != attempt.stage || !is_asked) {
@@ -125,11 +125,11 @@ absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
   }
   attempt.stage = NextStage(attempt.stage);
   switch (attempt.stage) {
-    case FrameStage::kEnded:
+    case PartStage::kEnded:
       attempt.is_live = false;
       parts_[event.from.part].stage_begin = last_arrival_;
       return Commands{};
-    case FrameStage::kDone:
+    case PartStage::kDone:
       return Win(event.from);
     default:
       return ReachStage(event.from);
@@ -139,7 +139,7 @@ absl::StatusOr<Commands> FrameProtocol::Handle(const AgentEvent& event) {
 // REQUIRES: the attempt is at step 2 or 3.
 Commands FrameProtocol::ReachStage(AttemptId id) {
   Part& part = parts_[id.part];
-  const FrameStage stage = AttemptOf(id).stage;
+  const PartStage stage = AttemptOf(id).stage;
   if (part.stage >= stage) {  // an earlier attempt has reached the stage already
     return step_ >= stage ? Commands{Send(id)} : Commands{};
   }
@@ -163,12 +163,12 @@ Commands FrameProtocol::Win(AttemptId id) {
       other.is_live = false;
       commands.push_back({.kind = Kind::kCancel, .attempt = {id.part, i}});
       if (i < id.replica) {
-        report_.outrun.push_back(other.agent);
+        report_.lost_hedges.push_back(other.agent);
       }
     }
   }
-  if (awaited().stage >= FrameStage::kDone) {
-    commands.push_back({.kind = Kind::kStep, .stage = FrameStage::kDone});
+  if (awaited().stage >= PartStage::kDone) {
+    commands.push_back({.kind = Kind::kStep, .stage = PartStage::kDone});
   }
   return commands;
 }
@@ -177,7 +177,7 @@ Commands FrameProtocol::Win(AttemptId id) {
 // frame ends with the error.
 absl::StatusOr<Commands> FrameProtocol::Fail(AttemptId id, const absl::Status& status) {
   Part& part = parts_[id.part];
-  NoteFailure(id, std::min(AttemptOf(id).stage, FrameStage::kDone), status);
+  NoteFailure(id, std::min(AttemptOf(id).stage, PartStage::kDone), status);
   AttemptOf(id).is_live = false;
   if (part.winner == id.replica) {  // it had said that it was done
     part.winner.reset();
@@ -202,7 +202,7 @@ absl::StatusOr<Commands> FrameProtocol::OutOfOrder(const AgentEvent& event) {
                                                   RuleOf(event.word).name)));
 }
 
-void FrameProtocol::NoteFailure(AttemptId id, FrameStage stage, absl::Status status) {
+void FrameProtocol::NoteFailure(AttemptId id, PartStage stage, absl::Status status) {
   AttemptOf(id).has_failed = true;
   report_.failures.push_back({.part_index = id.part,
                               .agent = AttemptOf(id).agent,
@@ -210,13 +210,13 @@ void FrameProtocol::NoteFailure(AttemptId id, FrameStage stage, absl::Status sta
                               .status = std::move(status)});
 }
 
-Commands FrameProtocol::BeginStep(FrameStage stage) {
+Commands FrameProtocol::BeginStep(PartStage stage) {
   step_ = stage;
   Commands commands;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     for (std::size_t replica = 0; replica < parts_[i].attempts.size(); ++replica) {
       const Attempt& attempt = parts_[i].attempts[replica];
-      if (attempt.is_live && attempt.stage == stage && stage < FrameStage::kDone) {
+      if (attempt.is_live && attempt.stage == stage && stage < PartStage::kDone) {
         commands.push_back(Send({i, replica}));
       }
     }
@@ -292,13 +292,13 @@ absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late,
     Part& part = parts_[event.from.part];
     if (attempt.is_live && EndedStage(event.word, event.status) == attempt.stage) {
       attempt.stage = NextStage(attempt.stage);
-      part.stage = std::max(part.stage, std::min(attempt.stage, FrameStage::kRenderingVisible));
-      if (attempt.stage == FrameStage::kDone) {
+      part.stage = std::max(part.stage, std::min(attempt.stage, PartStage::kRenderingVisible));
+      if (attempt.stage == PartStage::kDone) {
         part.winner = event.from.replica;
       }
     }
   }
-  const FrameStage slowest = awaited().stage;
+  const PartStage slowest = awaited().stage;
   std::vector<std::string> waiting;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     if (parts_[i].progress() != slowest) {
@@ -322,7 +322,7 @@ absl::Status FrameProtocol::DeadlineError(absl::Span<const AgentEvent> late,
 std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> late) {
   for (const AgentEvent& event : late) {
     Attempt& attempt = AttemptOf(event.from);
-    if (event.word == AgentWord::kEnd && attempt.is_live && attempt.stage != FrameStage::kDone &&
+    if (event.word == AgentWord::kEnd && attempt.is_live && attempt.stage != PartStage::kDone &&
         IsLoss(event.status)) {
       attempt.is_live = false;
       NoteFailure(event.from, attempt.stage, event.status);
@@ -340,7 +340,7 @@ std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> l
 FrameProtocol::Awaited FrameProtocol::awaited() const {
   Awaited awaited;
   for (const Part& part : parts_) {
-    const FrameStage progress = part.progress();
+    const PartStage progress = part.progress();
     if (progress < awaited.stage) {
       awaited = {.count = 0, .stage = progress};
     }

@@ -68,10 +68,10 @@ struct AgentEvent {
 };
 
 // Returns the stage that the word ends, if its agent is at that stage. An end in error ends none.
-std::optional<FrameStage> EndedStage(AgentWord word, const absl::Status& status);
+std::optional<PartStage> EndedStage(AgentWord word, const absl::Status& status);
 // REQUIRES: not kEnded.
-constexpr FrameStage NextStage(FrameStage stage) {
-  return static_cast<FrameStage>(static_cast<int>(stage) + 1);
+constexpr PartStage NextStage(PartStage stage) {
+  return static_cast<PartStage>(static_cast<int>(stage) + 1);
 }
 
 struct Command {
@@ -84,7 +84,7 @@ struct Command {
   };
   Kind kind = Kind::kReduce;
   AttemptId attempt = {};
-  FrameStage stage = FrameStage::kSelectingOccluders;
+  PartStage stage = PartStage::kSelectingOccluders;
   bool is_only_attempt = false;  // kSend: no other attempt of the part can want the blocks
 };
 using Commands = std::vector<Command>;
@@ -104,7 +104,7 @@ struct AgentReport {
   // The agents that failed, including those that a replica replaced.
   std::vector<AgentFailure> failures = {};
   // The agents whose part a replica finished first.
-  std::vector<AgentIdentity> outrun = {};
+  std::vector<AgentIdentity> lost_hedges = {};
   // Number of second attempts that may_hedge allowed.
   int hedge_count = 0;
 };
@@ -114,7 +114,7 @@ struct AgentReport {
 class FrameProtocol {
  public:
   // first_stage: kRenderingVisible without culling. `setup` outlives the protocol.
-  FrameProtocol(const ReplicaSetup& setup, FrameStage first_stage, base::MonotonicTime begin,
+  FrameProtocol(const ReplicaSetup& setup, PartStage first_stage, base::MonotonicTime begin,
                 base::MonotonicTime deadline);
 
   // The frame begins: one attempt of each part.
@@ -125,7 +125,7 @@ class FrameProtocol {
   absl::StatusOr<Commands> Handle(const AgentEvent& event);
   // Begins the step once its messages to agents are known. Returns a kSend for each attempt that
   // has reached it, in the order of the parts.
-  Commands BeginStep(FrameStage stage);
+  Commands BeginStep(PartStage stage);
   // Checks the clock: begins a second attempt of each part whose first one is late. step_begin:
   // start of the last step.
   Commands Watch(base::MonotonicTime now, base::MonotonicTime step_begin);
@@ -144,7 +144,7 @@ class FrameProtocol {
   // The frame goes on when `count` parts, at least 1, have ended `stage`. kEnded: it is over.
   struct Awaited {
     std::size_t count = 0;
-    FrameStage stage = FrameStage::kEnded;
+    PartStage stage = PartStage::kEnded;
   };
   [[nodiscard]] Awaited awaited() const;
   [[nodiscard]] bool has_replicas() const {  // any part has more than one
@@ -159,19 +159,19 @@ class FrameProtocol {
  private:
   struct Attempt {
     AgentIdentity agent = {};
-    FrameStage stage = FrameStage::kSelectingOccluders;
+    PartStage stage = PartStage::kSelectingOccluders;
     base::MonotonicTime begin = {};
     bool is_live = true;  // else its words no longer count
     bool has_failed = false;
   };
   struct Part {
     std::vector<Attempt> attempts = {};  // in the order of their replicas
-    FrameStage stage = FrameStage::kSelectingOccluders;
+    PartStage stage = PartStage::kSelectingOccluders;
     base::MonotonicTime stage_begin = {};
     std::optional<std::size_t> winner = std::nullopt;  // among attempts
 
     // The stage that the frame can count on: the stage of the part, or that of its winner.
-    [[nodiscard]] FrameStage progress() const {
+    [[nodiscard]] PartStage progress() const {
       return winner.has_value() ? attempts[*winner].stage : stage;
     }
     [[nodiscard]] auto live_count() const {
@@ -185,7 +185,7 @@ class FrameProtocol {
   Commands Win(AttemptId id);
   absl::StatusOr<Commands> Fail(AttemptId id, const absl::Status& status);
   absl::StatusOr<Commands> OutOfOrder(const AgentEvent& event);
-  void NoteFailure(AttemptId id, FrameStage stage, absl::Status status);
+  void NoteFailure(AttemptId id, PartStage stage, absl::Status status);
 
   [[nodiscard]] Attempt& AttemptOf(AttemptId id) { return parts_[id.part].attempts[id.replica]; }
   [[nodiscard]] Command Send(AttemptId id) const;
@@ -198,11 +198,11 @@ class FrameProtocol {
   [[nodiscard]] bool IsLost(std::size_t part_index) const;
 
   const ReplicaSetup& setup_;
-  const FrameStage first_stage_;
+  const PartStage first_stage_;
   const base::MonotonicTime begin_;
   const base::MonotonicTime deadline_;
   std::vector<Part> parts_;
-  FrameStage step_;  // the last one that has begun
+  PartStage step_;  // the last one that has begun
   base::MonotonicTime last_arrival_;
   std::optional<std::size_t> lost_part_;  // it ended the frame
   AgentReport report_;

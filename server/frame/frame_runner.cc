@@ -2,7 +2,7 @@
 //
 // 1. FindTarget finds the dataset, chooses the replicas of each part, and resolves the camera.
 // 2. Attempt begins every part on an agent, runs RunFrame, and collects traces and active blocks.
-// 3. Learn reports the agents to the replica board: done, failed, late, or outrun by a replica.
+// 3. Learn reports the agents to the replica board: done, failed, late, or the loser of a hedge.
 // 4. If parts are lost and the request allows a partial picture, Run starts again without them.
 //
 // Invariant: `parts` keeps its order, so that a part's index is the same in RunFrame and in
@@ -64,8 +64,8 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
                                   frame::RulesOf(spec));
 }
 
-void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
-               const AgentIdentity& agent) {
+void LogLostHedge(const base::TraceContext& request, std::int64_t frame_number,
+                  const AgentIdentity& agent) {
   base::LogInfo("agent_outrun",
                 {{"request", request.request_id()},
                  {"frame", frame_number},
@@ -230,7 +230,7 @@ class FrameRunner::Attempt {
     setup.images = runner_.images_.get();
     setup.arena = runner_.options_.arena.get();
     setup.trace = identity_.trace;
-    setup.step = identity_.step;
+    setup.phase = identity_.phase;
     for (const FramePart& part : parts_) {
       setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
     }
@@ -271,7 +271,7 @@ class FrameRunner::Attempt {
     CoordinatorMetrics& metrics = runner_.metrics_;
     runner_.ReportFailures(*identity_.request, identity_.number, outcome.failures);
     metrics.parts.hedged.Add(outcome.hedge_count);
-    metrics.parts.outrun.Add(static_cast<std::int64_t>(outcome.outrun.size()));
+    metrics.parts.lost_hedges.Add(static_cast<std::int64_t>(outcome.lost_hedges.size()));
     if (outcome.status.ok()) {
       metrics.parts.repeated.Add(static_cast<std::int64_t>(outcome.failures.size()));
       for (const frame::AgentStatistics& agent : outcome.result.agents) {
@@ -283,10 +283,10 @@ class FrameRunner::Attempt {
       NoteTrouble(failure.agent.address, absl::IsDeadlineExceeded(failure.status));
       metrics.CountPart(failure.agent.address, PartOutcome::kFailed);
     }
-    for (const AgentIdentity& agent : outcome.outrun) {
+    for (const AgentIdentity& agent : outcome.lost_hedges) {
       NoteTrouble(agent.address, /*is_only_late=*/true);
-      metrics.CountPart(agent.address, PartOutcome::kOutrun);
-      LogOutrun(*identity_.request, identity_.number, agent);
+      metrics.CountPart(agent.address, PartOutcome::kLostHedge);
+      LogLostHedge(*identity_.request, identity_.number, agent);
     }
   }
 
@@ -359,9 +359,9 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
 
 void FrameRunner::ReportQuery(const base::TraceContext& request, const QueryReport& report) {
   ReportFailures(request, /*frame_number=*/0, report.failures);
-  for (const OutrunAgent& outrun : report.outrun) {
-    replicas_.NoteUnanswered(outrun.agent.address, outrun.waited);
-    LogOutrun(request, /*frame_number=*/0, outrun.agent);
+  for (const LostHedge& lost : report.lost_hedges) {
+    replicas_.NoteUnanswered(lost.agent.address, lost.waited);
+    LogLostHedge(request, /*frame_number=*/0, lost.agent);
   }
 }
 
@@ -397,7 +397,7 @@ void FrameRunner::EndRequest(RequestMethod method, const AuditRecord& record,
 CoordinatorGauges FrameRunner::gauges() const {
   CoordinatorGauges gauges;
   for (const FrameBoard::Frame& frame : board_.Frames()) {
-    ++(frame.step == FrameStep::kQueued ? gauges.queued_frames : gauges.working_frames);
+    ++(frame.phase == FramePhase::kQueued ? gauges.queued_frames : gauges.working_frames);
   }
   const Admission::Counts counts = admission_.counts();
   gauges.waiting_clients = counts.waiting_clients;

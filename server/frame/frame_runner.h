@@ -80,9 +80,9 @@ struct FrameIdentity {
   const base::TraceContext* request = nullptr;
   const Caller* caller = nullptr;
   const base::Cancellation* cancellation = nullptr;
-  std::atomic<FrameStep>* step = nullptr;  // null: no observer
-  base::TraceRecorder* trace = nullptr;    // null: no trace was asked for
-  base::TraceTime trace_zero = {};         // of the axis
+  std::atomic<FramePhase>* phase = nullptr;  // null: no observer
+  base::TraceRecorder* trace = nullptr;      // null: no trace was asked for
+  base::TraceTime trace_zero = {};           // of the axis
   // Gets the traces of the agents, in their order, if `trace` is set.
   std::vector<isoscope::v1::ProcessTrace>* agent_traces = nullptr;
 };

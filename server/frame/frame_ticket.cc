@@ -107,7 +107,7 @@ absl::Status FrameTicket::Run(const frame::FrameSpec& spec, const FrameCost& cos
 }
 
 void FrameTicket::BeginWork() {
-  on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
+  on_board_->phase()->store(FramePhase::kPreparing, std::memory_order_relaxed);
   runner_.metrics()->durations.queue_wait.Observe(base::MonotonicNow() - start_);
   frame_number_ = runner_.NextFrameNumber();
 }
@@ -138,7 +138,7 @@ FrameIdentity FrameTicket::Identity() const {
           .request = &origin_.request,
           .caller = &origin_.caller,
           .cancellation = &cancellation(),
-          .step = on_board_->step()};
+          .phase = on_board_->phase()};
 }
 
 absl::Status FrameTicket::CheckAnswerBytes(std::size_t bytes) const {

@@ -217,22 +217,23 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
 absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                                       FrameOutput* output) {
   const bool has_picture = asked_.spec.output.image_format != frame::ImageFormat::kNone;
-  if (has_picture) {
-    ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output));
-  }
-  const std::size_t part_count = parts_.size();
-  if (NeedsPlanes(asked_.spec.output, *output)) {
+  for (;;) {
+    if (has_picture) {
+      ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output));
+    }
+    const std::size_t part_count = parts_.size();
+    if (NeedsPlanes(asked_.spec.output, *output)) {
+      ReleaseImages();
+      ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output));
+    }
+    if (!has_picture || parts_.size() == part_count) {
+      return absl::OkStatus();
+    }
+    // The picture has shards that the planes lack.
     ReleaseImages();
-    ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output));
+    *output = FrameOutput();
+    cost_ = FrameCost();
   }
-  if (!has_picture || parts_.size() == part_count) {
-    return absl::OkStatus();
-  }
-  // The picture has shards that the planes lack.
-  ReleaseImages();
-  *output = FrameOutput();
-  cost_ = FrameCost();
-  return RenderOutput(target, on_drawn, output);
 }
 
 // Draws the picture, and fills the planes that its pixels give: all but normals, with one sample.

@@ -208,8 +208,8 @@ class PixelQueue {
 
   static std::size_t TileCountOf(const image::DrawnPixels& pixels) {
     std::size_t count = pixels.image.touched.Count();
-    for (const image::FrameImage* level : pixels.layers.Levels()) {
-      count += level->touched.Count();
+    for (const image::FrameImage* layer_image : pixels.layers.LayerImages()) {
+      count += layer_image->touched.Count();
     }
     return count;
   }

@@ -6,8 +6,8 @@
 //    The rest is drawn once more without these, until no other one shows.
 // 3. No cell has it. The rest is drawn without a clip region and without culling: a surface without
 //    triangles has no cell.
-// 4. The clip region cuts it away, or it lies outside of the picture. With the default camera, which
-//    sees the whole volume, the same as in 2 tells these apart.
+// 4. The clip region cuts it away, or it lies outside of the picture. With the default camera,
+//    which sees the whole volume, the same as in 2 tells these apart.
 //
 // Each drawing is small, and step 2 ends the search in most pictures.
 

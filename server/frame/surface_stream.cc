@@ -165,7 +165,7 @@ absl::Status SurfaceStream::Fail(absl::Status status, bool was_silent) {
   }
   failures_.push_back({.part_index = 0,
                        .agent = part_.On(replica_).identity(),
-                       .stage = FrameStage::kExtracting,
+                       .stage = PartStage::kExtracting,
                        .status = std::move(status)});
   const AgentFailure& failure = failures_.back();
   const bool is_repeatable = !absl::IsCancelled(failure.status) &&

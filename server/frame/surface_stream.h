@@ -41,8 +41,8 @@ absl::StatusOr<solid::SurfaceSums> UnpackSums(const isoscope::internal::v1::Surf
 // the last block. Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public mesh::SurfaceSource {
  public:
-  // request: shard_indices is set to the part's. max_silence: limit for an agent that owes a
-  // message
+  // request:     its shard_indices are set to the part's
+  // max_silence: limit for an agent that owes a message
   SurfaceStream(FramePart part, const volume::BlockLayout& layout,
                 isoscope::internal::v1::ExtractSurfaceRequest request, base::MonotonicTime deadline,
                 absl::Duration max_silence, const base::TraceContext& identity);

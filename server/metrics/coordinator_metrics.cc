@@ -51,7 +51,7 @@ absl::string_view NameOfCaller(absl::string_view caller) {
 }
 
 // "rendering occluders" -> "rendering_occluders".
-std::string LabelOf(FrameStage stage) {
+std::string LabelOf(PartStage stage) {
   std::string label = NameOf(stage);
   for (char& c : label) {
     c = c == ' ' ? '_' : c;
@@ -61,8 +61,8 @@ std::string LabelOf(FrameStage stage) {
 
 // Returns true if the failure is counted from 0 on. A series that begins with its first failure
 // would hide that failure from `increase` and `rate`.
-bool IsExpected(FrameStage stage, absl::StatusCode code) {
-  return stage != FrameStage::kDone && stage != FrameStage::kEnded &&
+bool IsExpected(PartStage stage, absl::StatusCode code) {
+  return stage != PartStage::kDone && stage != PartStage::kEnded &&
          (code == absl::StatusCode::kUnavailable || code == absl::StatusCode::kDeadlineExceeded ||
           code == absl::StatusCode::kDataLoss || code == absl::StatusCode::kInternal);
 }
@@ -158,7 +158,7 @@ void AppendAgents(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
          "failed, hedged because it was slow; outrun: the second was done first.",
          {Value(metrics.parts.repeated, "event", "repeated"),
           Value(metrics.parts.hedged, "event", "hedged"),
-          Value(metrics.parts.outrun, "event", "outrun")}));
+          Value(metrics.parts.lost_hedges, "event", "outrun")}));
   families->push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
                          "Frames without some shards, as their request allowed.",
                          {Value(metrics.frames.partial)}));
@@ -223,7 +223,7 @@ absl::Status CoordinatorMetrics::CountRefusal(TokenLimit limit, absl::Status sta
   return status;
 }
 
-void CoordinatorMetrics::CountAgentFailure(FrameStage stage, const absl::Status& status) {
+void CoordinatorMetrics::CountAgentFailure(PartStage stage, const absl::Status& status) {
   const auto code = static_cast<std::size_t>(status.code());
   agent_failures_[static_cast<std::size_t>(stage)]
                  [code < kCodeCount ? code : static_cast<std::size_t>(absl::StatusCode::kUnknown)]
@@ -261,14 +261,14 @@ std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& g
                         "Parts of frames by agent and outcome.", agents_.Samples()));
   AppendFiles(gauges, &families);
   std::vector<MetricSample> failures;
-  for (std::size_t stage = 0; stage < kFrameStageCount; ++stage) {
+  for (std::size_t stage = 0; stage < kPartStageCount; ++stage) {
     for (std::size_t code = 0; code < kCodeCount; ++code) {
       const std::int64_t count = agent_failures_[stage][code].value();
       if (count > 0 ||
-          IsExpected(static_cast<FrameStage>(stage), static_cast<absl::StatusCode>(code))) {
+          IsExpected(static_cast<PartStage>(stage), static_cast<absl::StatusCode>(code))) {
         failures.push_back(MetricSample::Of(
             static_cast<double>(count),
-            {{"stage", LabelOf(static_cast<FrameStage>(stage))},
+            {{"stage", LabelOf(static_cast<PartStage>(stage))},
              {"code", absl::StatusCodeToString(static_cast<absl::StatusCode>(code))}}));
       }
     }

@@ -94,9 +94,9 @@ struct FrameDurations {
 
 // Parts of frames that a second agent worked on.
 struct PartCounters {
-  base::Counter repeated;  // of frames that succeeded all the same
-  base::Counter hedged;    // begun on a replica too, because the agent was slow
-  base::Counter outrun;    // a replica finished first
+  base::Counter repeated;     // of frames that succeeded all the same
+  base::Counter hedged;       // begun on a replica too, because the agent was slow
+  base::Counter lost_hedges;  // a replica finished first
 };
 
 // Updated while the coordinator works, by atomics and locks that are held only briefly.
@@ -118,10 +118,10 @@ struct CoordinatorMetrics {
   void CountCut(CutReason reason) { cuts_[static_cast<std::size_t>(reason)].Add(); }
   // Counts a frame that got no place, in its caller's series only.
   void CountRefused(absl::string_view caller);
-  enum class PartOutcome { kDone, kFailed, kOutrun };
+  enum class PartOutcome { kDone, kFailed, kLostHedge };
   // Counts a part of a frame on an agent.
   void CountPart(absl::string_view agent_address, PartOutcome outcome);
-  void CountAgentFailure(FrameStage stage, const absl::Status& status);
+  void CountAgentFailure(PartStage stage, const absl::Status& status);
 
   FrameCounters frames;
   FrameDurations durations;
@@ -145,7 +145,7 @@ struct CoordinatorMetrics {
   std::array<base::Counter, kCutReasonCount> cuts_;
   base::CountersByName callers_;
   base::CountersByName agents_;
-  std::array<std::array<base::Counter, kCodeCount>, kFrameStageCount> agent_failures_;
+  std::array<std::array<base::Counter, kCodeCount>, kPartStageCount> agent_failures_;
 };
 
 }  // namespace isoscope::server

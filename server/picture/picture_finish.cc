@@ -54,8 +54,8 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
                             PictureRectOf(spec, window), setup.finds_shown_surfaces);
   if (shader.has_value()) {
     shader->ShadeImage(drawn);
-    for (image::FrameImage* level : setup.layers->MutableLevels()) {
-      shader->ShadeImage(level);
+    for (image::FrameImage* layer_image : setup.layers->MutableLayerImages()) {
+      shader->ShadeImage(layer_image);
     }
   } else {
     picture::ColorCapsWithoutSamples(spec, drawn);

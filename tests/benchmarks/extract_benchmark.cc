@@ -1,11 +1,11 @@
 // Extraction of all active blocks of a volume, one thread, samples in memory:
 //
 //   BM_Extract/<field>/<type>/<block edge>
-//   BM_Extract/<field>/<type>/<block edge>/<instruction set>: held to that instead of the best
-//   BM_Labels/<field>/<type>/<block edge>/<labels>: the same vertices, as the surface of labels.
-//   The
-//     samples are labels: inside ones have one of that many, which lie apart, others the one label
-//     0
+//   BM_Extract/<field>/<type>/<block edge>/<instruction set>
+//     the same, held to that instruction set instead of the best
+//   BM_Labels/<field>/<type>/<block edge>/<labels>
+//     the same vertices, as the surface of labels. The samples are labels: inside ones have one of
+//     that many, which lie apart, others the one label 0
 //
 // sphere: one smooth sheet; gyroid: a periodic sheet through everything; random: a smooth random
 // field with many sheets; ct: flat regions with sharp sheets and noise between them, as in a scan.
@@ -89,10 +89,10 @@ void BM_Extract(benchmark::State& state, const Scene& scene, volume::ScalarType 
   for (std::int64_t i = 0; i < layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
     std::string block = testing::CutBlock(layout, type, bytes, id);
-    const std::int64_t of_block =
+    const std::int64_t block_triangles =
         extractor.Extract({id, type, block.data()}, scene.isovalue).triangle_count();
-    if (of_block > 0) {
-      triangles += of_block;
+    if (block_triangles > 0) {
+      triangles += block_triangles;
       samples += math::Volume(layout.StoredSamplesOf(id).dims());
       active.emplace_back(id, std::move(block));
     }
@@ -144,10 +144,10 @@ void BM_Labels(benchmark::State& state, const Scene& scene, volume::ScalarType t
   for (std::int64_t i = 0; i < layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
     std::string block = testing::CutBlock(layout, type, bytes, id);
-    const std::int64_t of_block =
+    const std::int64_t block_triangles =
         extractor.Extract({id, type, block.data()}, rule).triangle_count();
-    if (of_block > 0) {
-      triangles += of_block;
+    if (block_triangles > 0) {
+      triangles += block_triangles;
       active.emplace_back(id, std::move(block));
     }
   }

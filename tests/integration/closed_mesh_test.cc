@@ -331,19 +331,19 @@ TEST_F(ClosedMeshTest, WholeNumbersOfEveryTypeAreLabels) {
     ISOSCOPE_EXPECT_OK(testing::WriteRawFile(volume, Path(name)));
     return Join({Path(name)}, testing::RawFlags(volume));
   };
-  const auto of_floats = write(volume::ScalarType::kFloat32, 1.0F, "f.raw");
-  const auto of_doubles = write(volume::ScalarType::kFloat64, 1e10, "d.raw");
-  const auto of_fractions = write(volume::ScalarType::kFloat32, 0.25F, "half.raw");
-  const ObjMesh mesh = ReadObj(MustExport("m.obj", Join({"--labels", "all"}, of_floats)));
+  const auto float_volume = write(volume::ScalarType::kFloat32, 1.0F, "f.raw");
+  const auto double_volume = write(volume::ScalarType::kFloat64, 1e10, "d.raw");
+  const auto fraction_volume = write(volume::ScalarType::kFloat32, 0.25F, "half.raw");
+  const ObjMesh mesh = ReadObj(MustExport("m.obj", Join({"--labels", "all"}, float_volume)));
   EXPECT_EQ(mesh.positions.size(), 200U * 24);
-  const CommandResult info = MustRun(Join({"info", "--json", "--labels", "all"}, of_floats));
+  const CommandResult info = MustRun(Join({"info", "--json", "--labels", "all"}, float_volume));
   const json surfaces = json::parse(info.out).at("measures").at("surfaces");
   ASSERT_EQ(surfaces.size(), 200U);
   EXPECT_THAT(surfaces.at(199).at("labels"), ElementsAre(200.0));
-  MustRun(Join({"export", "--label", "20000000000", "--output", Path("%l.obj")}, of_doubles));
+  MustRun(Join({"export", "--label", "20000000000", "--output", Path("%l.obj")}, double_volume));
   EXPECT_TRUE(io::PathExists(Path("20000000000.obj")));
   const CommandResult refused = testing::RunIsoscope(
-      Join({"export", "--labels", "all", "--output", Path("x.obj")}, of_fractions));
+      Join({"export", "--labels", "all", "--output", Path("x.obj")}, fraction_volume));
   EXPECT_NE(refused.exit_code, 0);
   EXPECT_THAT(refused.err, HasSubstr("a sample is 0.25, and labels are whole numbers"));
 }

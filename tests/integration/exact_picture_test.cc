@@ -273,7 +273,7 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<source::VolumeSource> source,
                                 source::OpenVolumeFile(kHeadPath));
-  Volume head{"ch2", source->geometry(), source->scalar_type(), "", 60.0};
+  Volume head{"ch2", source->info().geometry, source->info().type, "", 60.0};
   head.samples.resize(static_cast<std::size_t>(math::Volume(head.geometry.sample_dims)) *
                       volume::SizeOf(head.type));
   ISOSCOPE_ASSERT_OK(source->ReadSlab(0, head.geometry.sample_dims.z, head.samples.data()));
@@ -859,7 +859,7 @@ TEST_P(CpuExactPictureTest, AKnownTieDoesNotShowHowTheVolumeWasCut) {
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<source::VolumeSource> source,
                                 source::OpenVolumeFile(path.string()));
-  Volume volume{"tie", source->geometry(), source->scalar_type(), "", 30000.0};
+  Volume volume{"tie", source->info().geometry, source->info().type, "", 30000.0};
   volume.samples.resize(static_cast<std::size_t>(math::Volume(volume.geometry.sample_dims)) *
                         volume::SizeOf(volume.type));
   ISOSCOPE_ASSERT_OK(source->ReadSlab(0, volume.geometry.sample_dims.z, volume.samples.data()));

@@ -76,6 +76,15 @@ class Datasets final : public v1::DatasetService::Service {
     response->add_datasets()->set_name("d");
     return grpc::Status::OK;
   }
+  grpc::Status GetDataset(grpc::ServerContext* context, const v1::GetDatasetRequest* request,
+                          v1::GetDatasetResponse* response) override {
+    if (!IsCaller(*context, asks_token)) {
+      return kUnknownCaller;
+    }
+    response->mutable_dataset()->set_name("d");
+    return request->name() == "d" ? grpc::Status::OK
+                                  : grpc::Status(grpc::StatusCode::NOT_FOUND, "unknown");
+  }
   std::atomic<bool> asks_token{false};
 };
 

@@ -962,6 +962,12 @@ class OneDataset final : public v1::DatasetService::Service {
     response->add_datasets()->set_name("d");
     return grpc::Status::OK;
   }
+  grpc::Status GetDataset(grpc::ServerContext* /*context*/, const v1::GetDatasetRequest* request,
+                          v1::GetDatasetResponse* response) override {
+    response->mutable_dataset()->set_name("d");
+    return request->name() == "d" ? grpc::Status::OK
+                                  : grpc::Status(grpc::StatusCode::NOT_FOUND, "unknown");
+  }
 };
 
 // Sends frames at once, whatever is acknowledged, and keeps the numbers that are.

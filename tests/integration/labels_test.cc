@@ -346,13 +346,14 @@ TEST_F(LabelsTest, MeshesAreClosedAndNeighboursShareTheirTriangles) {
       if (!is_boxes) {
         continue;
       }
-      std::set<std::array<Corner, 3>> of_left;
+      std::set<std::array<Corner, 3>> left_triangles;
       for (std::size_t i = 0; i < mesh.triangles[0].size(); i += 3) {
-        of_left.insert(TriangleAt(mesh, mesh.triangles[0], i, /*is_reversed=*/false));
+        left_triangles.insert(TriangleAt(mesh, mesh.triangles[0], i, /*is_reversed=*/false));
       }
       std::size_t shared = 0;
       for (std::size_t i = 0; i < mesh.triangles[1].size(); i += 3) {
-        shared += of_left.count(TriangleAt(mesh, mesh.triangles[1], i, /*is_reversed=*/true));
+        shared +=
+            left_triangles.count(TriangleAt(mesh, mesh.triangles[1], i, /*is_reversed=*/true));
       }
       EXPECT_GE(shared, 2U * 16 * 14) << "two triangles in each cell where only the boxes meet";
       EXPECT_LT(shared, 2U * 20 * 18);

@@ -227,22 +227,23 @@ TEST_F(ObserveTest, SpansCoverTheCoordinatorsTime) {
   request.mutable_viewport()->set_width_px(512);
   request.mutable_viewport()->set_height_px(512);
   // On a busy machine a thread may stand still between two spans: what counts is the best frame.
-  double of_frame = 0;
-  double of_agents = 0;
-  for (int i = 0; i < 20 && (of_frame < 0.95 || of_agents < 0.95); ++i) {
+  double frame_cover = 0;
+  double agents_cover = 0;
+  for (int i = 0; i < 20 && (frame_cover < 0.95 || agents_cover < 0.95); ++i) {
     const Answer answer = Ask(cluster_->address(), request);
     ISOSCOPE_ASSERT_OK(answer.status);
     const v1::ProcessTrace& coordinator = answer.response.trace().processes(0);
-    of_frame = std::max(of_frame, CoverOf(coordinator, "frame",
-                                          {"memory", "find dataset", "agents", "finish picture"}));
-    of_agents = std::max(
-        of_agents,
+    frame_cover = std::max(
+        frame_cover,
+        CoverOf(coordinator, "frame", {"memory", "find dataset", "agents", "finish picture"}));
+    agents_cover = std::max(
+        agents_cover,
         CoverOf(coordinator, "agents",
                 {"take image", "occluder selection", "occluder rendering", "visibility culling",
                  "wait for agents", "finish compositing", "end streams"}));
   }
-  EXPECT_GE(of_frame, 0.95);
-  EXPECT_GE(of_agents, 0.95);
+  EXPECT_GE(frame_cover, 0.95);
+  EXPECT_GE(agents_cover, 0.95);
 }
 
 TEST_F(ObserveTest, FramesWithoutCullingWithLayersAndDrawnTwiceHaveTracesToo) {
@@ -283,9 +284,9 @@ TEST_F(ObserveTest, ARequestIdIsInTheLogOfEveryProcessAndInTheAnswer) {
                                 cluster_->coordinator().WaitForErrLine(field));
   EXPECT_THAT(line, AllOf(HasSubstr("frame_done"), HasSubstr("caller="), HasSubstr("peer=ipv4:")));
   for (int i = 0; i < kShardCount; ++i) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_agent,
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string agent_text,
                                   cluster_->agent(i).WaitForErrLine(field));
-    EXPECT_THAT(of_agent, HasSubstr("frame_done"));
+    EXPECT_THAT(agent_text, HasSubstr("frame_done"));
   }
   const Answer without = Ask(cluster_->address(), SmallRequest(), "00-nonsense");
   ISOSCOPE_ASSERT_OK(without.status);
@@ -420,10 +421,10 @@ TEST_F(ObserveTest, TheTableOfMetricsIsWhatTheProgramsExport) {
   }
   const std::map<std::string, std::string> table = TableOf(OperationsDocument(), "Metrics");
   EXPECT_GT(table.size(), 30u);
-  const std::string of_coordinator = MetricsOf(*coordinator.process);
-  const std::string of_agent = MetricsOf(*agent.process);
+  const std::string coordinator_metrics = MetricsOf(*coordinator.process);
+  const std::string agent_text = MetricsOf(*agent.process);
   for (const auto& [letter, text] : std::map<std::string, std::string>{
-           {"C", of_coordinator}, {"A", of_agent}, {"G", MetricsOf(*gateway.process)}}) {
+           {"C", coordinator_metrics}, {"A", agent_text}, {"G", MetricsOf(*gateway.process)}}) {
     std::set<std::string> exported;
     for (const absl::string_view line : absl::StrSplit(text, '\n')) {
       const std::vector<std::string> words = absl::StrSplit(line, ' ');
@@ -439,16 +440,16 @@ TEST_F(ObserveTest, TheTableOfMetricsIsWhatTheProgramsExport) {
     }
     EXPECT_EQ(exported, documented) << letter;
   }
-  EXPECT_THAT(of_coordinator,
+  EXPECT_THAT(coordinator_metrics,
               AllOf(HasSubstr("isoscope_frames_total{outcome=\"done\"} 2"),
                     HasSubstr("isoscope_requests_total{method=\"RenderIsosurface\",code=\"OK\"} 2"),
                     HasSubstr("isoscope_agents{state=\"reachable\"} 1"),
                     HasSubstr("isoscope_cache_lookups_total{cache=\"active_blocks\",result="
                               "\"hit\"} 1")));
-  EXPECT_THAT(of_agent, AllOf(HasSubstr("isoscope_agent_frames_total{outcome=\"done\"} 2"),
-                              HasSubstr("isoscope_agent_shards 3"),
-                              Not(HasSubstr("isoscope_agent_triangles_total 0\n")),
-                              Not(HasSubstr("isoscope_agent_read_bytes_total 0\n"))));
+  EXPECT_THAT(agent_text, AllOf(HasSubstr("isoscope_agent_frames_total{outcome=\"done\"} 2"),
+                                HasSubstr("isoscope_agent_shards 3"),
+                                Not(HasSubstr("isoscope_agent_triangles_total 0\n")),
+                                Not(HasSubstr("isoscope_agent_read_bytes_total 0\n"))));
 }
 
 TEST_F(ObserveTest, EveryLogEventOfTheSourcesIsInTheTable) {

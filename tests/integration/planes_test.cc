@@ -456,7 +456,7 @@ TEST_F(PlanesTest, APickTellsTheShardOfTheBlockHoweverManyAnAgentHas) {
     request.add_pixels()->set_x(5 * (i % 40));
     request.mutable_pixels(i)->set_y(6 * (i / 40));
   }
-  std::vector<v1::PickSurfaceResponse> of_one_shard;
+  std::vector<v1::PickSurfaceResponse> one_shard_picks;
   for (const int shard_count : {1, 3, 80}) {
     SCOPED_TRACE(shard_count);
     const std::string dataset = shared_->Sub("slab" + std::to_string(shard_count));
@@ -495,10 +495,10 @@ TEST_F(PlanesTest, APickTellsTheShardOfTheBlockHoweverManyAnAgentHas) {
       }
       picked.clear_statistics();
       if (shard_count == 1) {
-        of_one_shard.push_back(picked);
+        one_shard_picks.push_back(picked);
       }
       EXPECT_TRUE(google::protobuf::util::MessageDifferencer::Equals(
-          picked, of_one_shard[is_from_above ? 1 : 0]));
+          picked, one_shard_picks[is_from_above ? 1 : 0]));
     }
     EXPECT_GT(beside_holes, 10);
     EXPECT_GT(on_inner_caps, 10);
@@ -686,25 +686,25 @@ TEST_F(PlanesTest, TheCommandLineWritesPlanesAndPicks) {
   EXPECT_EQ(picked.exit_code, 0) << picked.err;
   EXPECT_THAT(picked.out,
               ::testing::AllOf(HasSubstr("\"is_hit\": true"), HasSubstr("\"is_hit\": false"),
-                               HasSubstr("\"hit\": true"), HasSubstr("\"shard_index\"")));
+                               HasSubstr("\"is_hit\": true"), HasSubstr("\"shard_index\"")));
   // A named view, fitted to the surface: the depth of the plane of the same picture.
   const std::vector<std::string> view{"--view", "top", "--fit", "surface", "--zoom", "1.5"};
-  std::vector<std::string> of_render{"--depth", folder.Sub("top.npy"), "--save-camera",
-                                     folder.Sub("c.json")};
-  of_render.insert(of_render.end(), view.begin(), view.end());
-  EXPECT_EQ(run(of_render).exit_code, 0);
+  std::vector<std::string> render_arguments{"--depth", folder.Sub("top.npy"), "--save-camera",
+                                            folder.Sub("c.json")};
+  render_arguments.insert(render_arguments.end(), view.begin(), view.end());
+  EXPECT_EQ(run(render_arguments).exit_code, 0);
   std::string plane;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(plane, io::ReadWholeFile(folder.Sub("top.npy"), 1 << 20));
   const auto depth = base::LoadLittleEndian<float>(plane.data() + 128 + 4 * (24 * 64 + 32));
   for (const bool from_file : {false, true}) {
-    std::vector<std::string> of_pick{
+    std::vector<std::string> pick_arguments{
         "pick",   Dataset(3),   "--isovalue", "128",           "--width",
         "64",     "--height",   "48",         "--pixel",       "32,24",
         "--json", "--renderer", "cpu",        "--save-camera", folder.Sub("again.json")};
     const std::vector<std::string> camera{"--camera", folder.Sub("c.json")};
-    of_pick.insert(of_pick.end(), from_file ? camera.begin() : view.begin(),
-                   from_file ? camera.end() : view.end());
-    const testing::CommandResult result = testing::RunIsoscope(of_pick);
+    pick_arguments.insert(pick_arguments.end(), from_file ? camera.begin() : view.begin(),
+                          from_file ? camera.end() : view.end());
+    const testing::CommandResult result = testing::RunIsoscope(pick_arguments);
     ASSERT_EQ(result.exit_code, 0) << result.err;
     EXPECT_EQ(nlohmann::json::parse(result.out).at("points").at(0).at("depth").get<float>(), depth);
     EXPECT_EQ(io::ReadWholeFile(folder.Sub("again.json"), 10'000).value_or("1"),

@@ -321,19 +321,20 @@ absl::Status CutBoth(const Volume& volume, const Volume& color, const math::Inde
 class Series final : public source::VolumeSeries {
  public:
   static Series Random(Dice* dice) {
-    Series series;
-    series.geometry_ = RandomGeometry(dice, 20);
+    source::SeriesInfo info{.name = "soak"};
+    const volume::GridGeometry geometry = RandomGeometry(dice, 20);
     const auto field_count = static_cast<std::size_t>(dice->Whole(2, 3));
     for (std::size_t field = 0; field < field_count; ++field) {
       const std::array<std::vector<std::string>, 4> components = {
           {{""}, {""}, {"x", "y"}, {"x", "y", "z"}}};
-      series.fields_.push_back(
+      info.fields.push_back(
           {.name = absl::StrFormat("field%d", field), .components = dice->OneOf(components)});
     }
     const std::int64_t step_count = dice->OneIn(8) ? 1 : dice->Whole(2, 4);
     for (std::int64_t step = 0; step_count > 1 && step < step_count; ++step) {
-      series.times_.push_back(static_cast<double>(step) + 0.9 * dice->Unit());
+      info.times.push_back(static_cast<double>(step) + 0.9 * dice->Unit());
     }
+    Series series(std::move(info), geometry);
     for (std::size_t field = 0; field < field_count; ++field) {
       const auto type = static_cast<volume::ScalarType>(dice->Whole(1, 8));
       std::vector<std::vector<Volume>>& steps = series.volumes_.emplace_back();
@@ -344,7 +345,7 @@ class Series final : public source::VolumeSeries {
           continue;
         }
         std::vector<Volume>& volumes = steps.emplace_back();
-        for (std::size_t i = 0; i < series.fields_[field].components.size(); ++i) {
+        for (std::size_t i = 0; i < series.info().fields[field].components.size(); ++i) {
           Volume& volume = volumes.emplace_back();
           volume.geometry = series.geometry_;
           volume.type = type;
@@ -355,30 +356,26 @@ class Series final : public source::VolumeSeries {
     return series;
   }
 
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] const std::vector<source::SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return name_; }
-  [[nodiscard]] const std::string& length_unit() const override { return name_; }
   absl::StatusOr<std::unique_ptr<source::VolumeSource>> Open(int field, int component,
                                                              int step) override {
     const Volume& volume =
         VolumesOf({.field = field, .step = step})[static_cast<std::size_t>(component)];
     return testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
   }
-  absl::StatusOr<std::string> IdentityOfStep(int /*step*/) override { return name_; }
+  absl::StatusOr<std::string> IdentityOfStep(int /*step*/) override { return info().name; }
 
   [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
   // With the magnitude.
   [[nodiscard]] int ComponentCount(int field) const {
-    const std::size_t count = fields_[static_cast<std::size_t>(field)].components.size();
+    const std::size_t count = info().field(field).components.size();
     return static_cast<int>(count > 1 ? count + 1 : 1);
   }
   [[nodiscard]] store::ScalarVolumeKey RandomKey(Dice* dice) const {
     store::ScalarVolumeKey key;
-    key.field = static_cast<int>(dice->Whole(0, static_cast<std::int64_t>(fields_.size()) - 1));
+    key.field =
+        static_cast<int>(dice->Whole(0, static_cast<std::int64_t>(info().fields.size()) - 1));
     key.component = static_cast<int>(dice->Whole(0, ComponentCount(key.field) - 1));
-    key.step = static_cast<int>(dice->Whole(0, step_count() - 1));
+    key.step = static_cast<int>(dice->Whole(0, info().step_count() - 1));
     return key;
   }
   [[nodiscard]] std::vector<double> IsovaluesOf(const store::ScalarVolumeKey& key) const {
@@ -408,26 +405,27 @@ class Series final : public source::VolumeSeries {
     return source::MakeMagnitudeSource(std::move(components));
   }
   // The steps from `begin` on, or those before it. REQUIRES: there are times.
-  [[nodiscard]] Series From(std::int64_t begin) const { return Part(begin, step_count()); }
+  [[nodiscard]] Series From(std::int64_t begin) const { return Part(begin, info().step_count()); }
   [[nodiscard]] Series Before(std::int64_t end) const { return Part(0, end); }
 
  private:
+  Series(source::SeriesInfo info, const volume::GridGeometry& geometry)
+      : VolumeSeries(std::move(info)), geometry_(geometry) {}
+
   [[nodiscard]] const std::vector<Volume>& VolumesOf(const store::ScalarVolumeKey& key) const {
     return volumes_[static_cast<std::size_t>(key.field)][static_cast<std::size_t>(key.step)];
   }
   [[nodiscard]] Series Part(std::int64_t begin, std::int64_t end) const {
-    Series part = *this;
-    part.times_.assign(times_.begin() + begin, times_.begin() + end);
-    for (std::size_t field = 0; field < volumes_.size(); ++field) {
-      part.volumes_[field].assign(volumes_[field].begin() + begin, volumes_[field].begin() + end);
+    source::SeriesInfo some = info();
+    some.times.assign(info().times.begin() + begin, info().times.begin() + end);
+    Series part(std::move(some), geometry_);
+    for (const auto& steps : volumes_) {
+      part.volumes_.emplace_back(steps.begin() + begin, steps.begin() + end);
     }
     return part;
   }
 
-  std::string name_ = "soak";
   volume::GridGeometry geometry_;
-  std::vector<source::SourceField> fields_;
-  std::vector<double> times_;
   std::vector<std::vector<std::vector<Volume>>> volumes_;  // by field, step and component
 };
 
@@ -437,11 +435,11 @@ absl::Status CutSeries(const Series& series, const math::Index3& block_cells, in
   partition::SeriesPartitionOptions options;
   options.volume = RandomCut(block_cells, shard_count, dice, directory);
   options.volume.distribution = store::Distribution::kRandom;
-  if (series.times().empty() || !dice->OneIn(3)) {
+  if (series.info().times.empty() || !dice->OneIn(3)) {
     Series whole = series;
     return partition::PartitionSeries(whole, options, base::Cancellation()).status();
   }
-  const std::int64_t begin = dice->Whole(1, series.step_count() - 1);
+  const std::int64_t begin = dice->Whole(1, series.info().step_count() - 1);
   Series first = series.Before(begin);
   ISOSCOPE_RETURN_IF_ERROR(
       partition::PartitionSeries(first, options, base::Cancellation()).status());
@@ -873,8 +871,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
           store::ScalarVolumeKey key = series->RandomKey(dice);
           key.step = frame.volume->step;
           names.push_back(NameOfColor(key));
-          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_color, directory_of(key));
-          ISOSCOPE_ASSERT_OK(cluster->AddField(names.back(), of_color));
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string color_directory, directory_of(key));
+          ISOSCOPE_ASSERT_OK(cluster->AddField(names.back(), color_directory));
         }
         testing::ShowRandomFields(dice->Bits(), names, &frame.spec);
         ++tally_.colored_by_field;
@@ -912,8 +910,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(dims, cells));
       const auto shard_count = static_cast<int>(std::min(layout.block_count(), dice.Whole(1, 5)));
       SCOPED_TRACE(::testing::Message()
-                   << "seed " << seed << ": " << series.fields().size() << " fields, "
-                   << series.step_count() << " steps, " << dims.x << " x " << dims.y << " x "
+                   << "seed " << seed << ": " << series.info().fields.size() << " fields, "
+                   << series.info().step_count() << " steps, " << dims.x << " x " << dims.y << " x "
                    << dims.z << ", blocks of " << cells.x << " x " << cells.y << " x " << cells.z
                    << ", " << shard_count << " shards");
       const std::string directory = temp.Sub(absl::StrFormat("cut%d", cut));
@@ -923,7 +921,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(
           const auto cluster,
           LocalCluster::OpenSeriesAsleep(directory, renderer_.get(), open_volume_bytes));
-      for (int field = 0; field < static_cast<int>(series.fields().size()); ++field) {
+      for (int field = 0; field < static_cast<int>(series.info().fields.size()); ++field) {
         for (int component = 0; component < series.ComponentCount(field); ++component) {
           cluster->AddField(NameOfColor({.field = field, .component = component}), field,
                             component);

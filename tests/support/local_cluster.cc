@@ -377,8 +377,9 @@ absl::StatusOr<server::FrameResult> LocalCluster::RenderShards(
     const auto part = static_cast<std::size_t>(part_index);
     const std::shared_ptr<const agent::Shard>& shard = shards[part];
     std::vector<agent::Shards> own_colors;
-    for (const agent::Shards& of_surface : colors) {
-      own_colors.push_back(of_surface.empty() ? agent::Shards{} : agent::Shards{of_surface[part]});
+    for (const agent::Shards& surface_shards : colors) {
+      own_colors.push_back(surface_shards.empty() ? agent::Shards{}
+                                                  : agent::Shards{surface_shards[part]});
     }
     if (loses_agents_ && replica_index == 0) {
       const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),

@@ -14,32 +14,24 @@ namespace {
 
 class MemorySource final : public source::VolumeSource {
  public:
-  MemorySource(const volume::GridGeometry& geometry, volume::ScalarType type, std::string samples,
-               std::string name)
-      : geometry_(geometry), type_(type), samples_(std::move(samples)), name_(std::move(name)) {
-    ISOSCOPE_CHECK_EQ(
-        samples_.size(),
-        static_cast<std::size_t>(math::Volume(geometry.sample_dims)) * volume::SizeOf(type));
+  MemorySource(source::SourceInfo info, std::string samples)
+      : VolumeSource(std::move(info)), samples_(std::move(samples)) {
+    ISOSCOPE_CHECK_EQ(samples_.size(),
+                      static_cast<std::size_t>(math::Volume(this->info().geometry.sample_dims)) *
+                          volume::SizeOf(this->info().type));
   }
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
-    const std::size_t row_bytes = static_cast<std::size_t>(dims.x) * volume::SizeOf(type_);
+    const std::size_t row_bytes = static_cast<std::size_t>(info().row_bytes());
     std::copy_n(samples_.data() + static_cast<std::size_t>(begin_row) * row_bytes,
                 static_cast<std::size_t>(end_row - begin_row) * row_bytes, out);
     return absl::OkStatus();
   }
 
  private:
-  const volume::GridGeometry geometry_;
-  const volume::ScalarType type_;
   const std::string samples_;
-  const std::string name_;
 };
 
 }  // namespace
@@ -47,7 +39,13 @@ class MemorySource final : public source::VolumeSource {
 std::unique_ptr<source::VolumeSource> MakeMemorySource(const volume::GridGeometry& geometry,
                                                        volume::ScalarType type, std::string samples,
                                                        std::string name) {
-  return std::make_unique<MemorySource>(geometry, type, std::move(samples), std::move(name));
+  return MakeMemorySource({.name = std::move(name), .geometry = geometry, .type = type},
+                          std::move(samples));
+}
+
+std::unique_ptr<source::VolumeSource> MakeMemorySource(source::SourceInfo info,
+                                                       std::string samples) {
+  return std::make_unique<MemorySource>(std::move(info), std::move(samples));
 }
 
 }  // namespace isoscope::testing

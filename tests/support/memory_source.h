@@ -16,6 +16,9 @@ namespace isoscope::testing {
 std::unique_ptr<source::VolumeSource> MakeMemorySource(const volume::GridGeometry& geometry,
                                                        volume::ScalarType type, std::string samples,
                                                        std::string name);
+// The same, with all that the source says of itself.
+std::unique_ptr<source::VolumeSource> MakeMemorySource(source::SourceInfo info,
+                                                       std::string samples);
 
 }  // namespace isoscope::testing
 

@@ -22,11 +22,11 @@ inline absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::s
                                                                     const GridRules& rules = {}) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> series,
                             OpenVolumeSeries(path, {.axes = "", .format = format, .rules = rules}));
-  return IsOneVolume(*series)
+  return IsOneVolume(series->info())
              ? series->Open(0, 0, 0)
-             : absl::InvalidArgumentError(
-                   absl::StrCat(path, ": several volumes: ", DescribeFields(series->fields()),
-                                "; steps: ", DescribeSteps(series->times(), series->time_unit())));
+             : absl::InvalidArgumentError(absl::StrCat(
+                   path, ": several volumes: ", DescribeFields(series->info().fields),
+                   "; steps: ", DescribeSteps(series->info().times, series->info().time_unit)));
 }
 
 }  // namespace isoscope::source

@@ -184,8 +184,8 @@ absl::StatusOr<Picture> PictureOf(server::FrameResult result, const frame::Frame
                                            /*with_shown=*/true);
   if (shader.has_value()) {
     shader->ShadeImage(&result.image);
-    for (image::FrameImage* const level : result.layers.MutableLevels()) {
-      shader->ShadeImage(level);
+    for (image::FrameImage* const layer_image : result.layers.MutableLayerImages()) {
+      shader->ShadeImage(layer_image);
     }
   } else {
     picture::ColorCapsWithoutSamples(spec, &result.image);
@@ -193,7 +193,7 @@ absl::StatusOr<Picture> PictureOf(server::FrameResult result, const frame::Frame
   picture.image = std::move(result.image);
   picture.truncated_pixel_count = picture::BlendLayers(result.layers, spec, &picture.image);
   if (!result.layers.empty()) {
-    picture.layer_pixel_count = CoveredPixels(*result.layers.Levels().front());
+    picture.layer_pixel_count = CoveredPixels(*result.layers.LayerImages().front());
   }
   return picture;
 }

@@ -70,7 +70,7 @@ image::RgbaImage ReadSixels(absl::string_view data) {
     i = end;
     return numbers;
   };
-  const auto of_percent = [](int percent) {
+  const auto byte_of_percent = [](int percent) {
     return static_cast<std::uint8_t>((percent * 255 + 50) / 100);
   };
   while (i < data.size()) {
@@ -83,7 +83,8 @@ image::RgbaImage ReadSixels(absl::string_view data) {
     } else if (c == '#') {
       const std::vector<int> entry = parameters();
       if (entry.size() == 5 && entry[1] == 2) {
-        palette[entry[0]] = {of_percent(entry[2]), of_percent(entry[3]), of_percent(entry[4]), 255};
+        palette[entry[0]] = {byte_of_percent(entry[2]), byte_of_percent(entry[3]),
+                             byte_of_percent(entry[4]), 255};
       }
       color = palette[entry[0]];
     } else if (c == '!') {

@@ -176,9 +176,9 @@ inline std::string MetaHeader(const math::Index3& dims, const std::string& type,
 
 // All samples, read in slabs of `planes`.
 inline absl::StatusOr<std::string> ReadAll(source::VolumeSource& source, std::int64_t planes) {
-  const math::Index3& dims = source.geometry().sample_dims;
+  const math::Index3& dims = source.info().geometry.sample_dims;
   const std::size_t plane =
-      static_cast<std::size_t>(dims.x * dims.y) * volume::SizeOf(source.scalar_type());
+      static_cast<std::size_t>(dims.x * dims.y) * volume::SizeOf(source.info().type);
   std::string samples(plane * static_cast<std::size_t>(dims.z), '\0');
   for (std::int64_t z = 0; z < dims.z; z += planes) {
     const absl::Status status = source.ReadSlab(

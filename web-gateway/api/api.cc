@@ -1,9 +1,9 @@
-// Every request about a dataset takes the same steps:
+// Every request about a dataset makes two calls:
 //
-//   1  ListDatasets: finds the dataset that the address names, by name or by id; else GetDataset
-//   2  for a picture: GetClusterStatus, for the picture revision of its agents; with the id of
-//      the dataset and the request it makes the ETag, and the work may end here with 304
-//   3  the call itself
+//   1  GetDataset, by the name or the id in the address; of an unknown one ListDatasets tells the
+//      others. Id and picture revision of its answer make the ETag of a picture, with the request:
+//      the work may end here with 304
+//   2  the call itself
 //
 // An Exchange is one request in work. The functions that wait for answers hold it.
 
@@ -19,7 +19,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
-#include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/connection/mesh_export.h"
 #include "clients/cpp/mesh_file/mesh_field.h"
 #include "core/base/retry_delay.h"
@@ -224,61 +223,43 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   }
 
   void FindDataset(void (Exchange::*next)()) {
-    client_->ListDatasets(call_, [self = shared_from_this(),
-                                  next](absl::StatusOr<v1::ListDatasetsResponse> list) {
-      const absl::Status status = list.ok() ? self->TakeDataset(std::move(*list)) : list.status();
-      if (status.ok()) {
-        ((*self).*next)();
-      } else if (list.ok()) {
-        self->FindLostDataset(status, next);
-      } else {
-        self->RespondError(status);
-      }
-    });
-  }
-
-  // The list leaves out datasets whose agents are all lost, or open their shards. The coordinator
-  // knows them, and says of each call what is missing.
-  void FindLostDataset(const absl::Status& unknown, void (Exchange::*next)()) {
     v1::GetDatasetRequest request;
     request.set_name(request_.target.segments[2]);
     client_->GetDataset(
-        request, call_,
-        [self = shared_from_this(), unknown, next](absl::StatusOr<v1::GetDatasetResponse> found) {
+        std::move(request), call_,
+        [self = shared_from_this(), next](absl::StatusOr<v1::GetDatasetResponse> found) {
+          const std::string& asked = self->request_.target.segments[2];
           if (found.ok()) {
+            self->is_by_id_ =
+                found->dataset().name() != asked && found->dataset().dataset_id() == asked;
+            self->picture_revision_ = found->picture_revision();
             self->dataset_ = std::move(*found->mutable_dataset());
             ((*self).*next)();
+          } else if (absl::IsNotFound(found.status())) {
+            self->RespondUnknownDataset();
           } else {
-            const bool is_unknown =
-                absl::IsNotFound(found.status()) || absl::IsUnimplemented(found.status());
-            self->RespondError(is_unknown ? unknown : found.status());
+            self->RespondError(found.status());
           }
         });
   }
 
-  absl::Status TakeDataset(v1::ListDatasetsResponse list) {
-    const std::string& name = request_.target.segments[2];
-    std::vector<std::string> names;
-    v1::Dataset* by_id = nullptr;
-    for (v1::Dataset& dataset : *list.mutable_datasets()) {
-      if (dataset.name() == name) {
-        dataset_ = std::move(dataset);
-        return absl::OkStatus();
-      }
-      if (dataset.dataset_id() == name) {
-        by_id = &dataset;
-      }
-      names.push_back(dataset.name());
-    }
-    if (by_id != nullptr) {
-      dataset_ = std::move(*by_id);
-      is_by_id_ = true;
-      return absl::OkStatus();
-    }
-    return absl::NotFoundError(
-        absl::StrCat("there is no dataset ", Quoted(name), "; ",
-                     names.empty() ? "none is served"
-                                   : absl::StrCat("there are: ", absl::StrJoin(names, ", "))));
+  // The list leaves out datasets whose agents are all lost.
+  void RespondUnknownDataset() {
+    client_->ListDatasets(
+        call_, [self = shared_from_this()](const absl::StatusOr<v1::ListDatasetsResponse>& list) {
+          if (!list.ok()) {
+            self->RespondError(list.status());
+            return;
+          }
+          std::vector<std::string> names;
+          for (const v1::Dataset& dataset : list->datasets()) {
+            names.push_back(dataset.name());
+          }
+          self->RespondError(absl::NotFoundError(absl::StrCat(
+              "there is no dataset ", Quoted(self->request_.target.segments[2]), "; ",
+              names.empty() ? "none is served"
+                            : absl::StrCat("there are: ", absl::StrJoin(names, ", ")))));
+        });
   }
 
   void AnswerDataset() {
@@ -366,20 +347,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       return;
     }
     render_ = *std::move(render);
-    client_->GetClusterStatus(
-        call_,
-        [self = shared_from_this()](const absl::StatusOr<v1::GetClusterStatusResponse>& cluster) {
-          if (cluster.ok()) {
-            self->RenderUnlessKnown(client::PictureRevisionOf(*cluster, self->dataset_));
-          } else {
-            self->RespondError(cluster.status());
-          }
-        });
-  }
-
-  void RenderUnlessKnown(const std::string& picture_revision) {
     const PictureCaching caching =
-        CachingOf(dataset_, picture_revision, is_by_id_,
+        CachingOf(dataset_, picture_revision_, is_by_id_,
                   options_.is_private || !request_.token.empty(), &render_);
     if (caching.etag.empty() || !MatchesEtag(request_.if_none_match, caching.etag)) {
       Render(caching.headers);
@@ -455,6 +424,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
   v1::Dataset dataset_;
   bool is_by_id_ = false;
+  std::string picture_revision_;
   v1::RenderIsosurfaceRequest render_;
   std::unique_ptr<MeshAnswer> mesh_;
   bool has_mesh_begun_ = false;

@@ -81,8 +81,8 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
 
 PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_revision,
                          bool is_by_id, bool is_private, v1::RenderIsosurfaceRequest* request) {
-  if (request->culling() == v1::CULLING_MASK) {
-    return NoCaching();  // approximate
+  if (request->culling() == v1::CULLING_MASK || picture_revision.empty()) {
+    return NoCaching();  // approximate, or drawn by unknown code
   }
   const bool may_change = DependsOnLaterSteps(request->selection(), dataset);
   std::string digest;

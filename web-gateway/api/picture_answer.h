@@ -26,8 +26,8 @@ struct PictureCaching {
   std::vector<std::pair<std::string, std::string>> headers;
 };
 // Completes the selection of the request by what `dataset` serves, and returns how its picture may
-// be cached. `is_by_id`: the address names the content of the dataset. `is_private`: no shared
-// cache may keep it.
+// be cached: not without a picture revision. `is_by_id`: the address names the content of the
+// dataset. `is_private`: no shared cache may keep it.
 PictureCaching CachingOf(const isoscope::v1::Dataset& dataset, absl::string_view picture_revision,
                          bool is_by_id, bool is_private,
                          isoscope::v1::RenderIsosurfaceRequest* request);

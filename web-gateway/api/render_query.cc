@@ -27,10 +27,7 @@
 #include "core/cli/flag_set.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
-#include "core/mesh/world_placement.h"
-#include "core/volume/grid_geometry.h"
 #include "web-gateway/http/url.h"
-#include "wire/proto_convert.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -206,10 +203,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
   MeshQuery mesh;
   mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name(), label);
-  const absl::StatusOr<volume::GridGeometry> geometry =
-      wire::GeometryFromProto(dataset.geometry(), "geometry");
-  // Only there, because a coordinator that is older refuses the field.
-  mesh.request.set_with_origin(geometry.ok() && mesh::WorldPlacement(*geometry).has_origin());
+  mesh.request.set_with_origin(true);
   if (const auto proto = ToProto(selection); proto) {
     *mesh.request.mutable_selection() = *proto;
   }

@@ -43,11 +43,11 @@ absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const Selection
   std::optional<std::vector<double>> present;
   std::string why;
   if (flags->wants_all) {
-    const isoscope::v1::Dataset of_field = DatasetOfField(dataset, selection);
+    const isoscope::v1::Dataset field_dataset = DatasetOfField(dataset, selection);
     isoscope::v1::GetHistogramRequest request;
     request.set_dataset(dataset.name());
     request.set_max_bin_count(kMaxBins);
-    if (!HasExactBins(of_field) && has(kValuesFeature)) {
+    if (!HasExactBins(field_dataset) && has(kValuesFeature)) {
       request.set_max_label_value_count(kMaxValues);
     }
     if (const auto proto = ToProto(selection)) {
@@ -55,7 +55,7 @@ absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const Selection
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::GetHistogramResponse histogram,
                               client->GetHistogram(request, timeout));
-    present = PresentValues(of_field, histogram);
+    present = PresentValues(field_dataset, histogram);
     why = WhyNoLabels(histogram);
   }
   return ResolveLabels(dataset, present, flags, max_surfaces, why);

@@ -239,8 +239,8 @@ class Separator {
         continue;
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t copy, mesh_.AddMean({vertex}));
-      for (const SideIndex of_fan : fan) {
-        mesh_.triangles().data()[of_fan] = copy;
+      for (const SideIndex fan_side : fan) {
+        mesh_.triangles().data()[fan_side] = copy;
       }
     }
     return absl::OkStatus();

@@ -53,14 +53,14 @@ absl::StatusOr<std::uint32_t> MeshStore::AddMean(std::initializer_list<std::uint
   const double length =
       std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
   const double scale = vertices.size() == 1 || length == 0 ? 1 : 1 / length;
-  std::vector<float> of_position;
-  std::vector<float> of_normal;
+  std::vector<float> mean_position;
+  std::vector<float> mean_normal;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    of_position.push_back(static_cast<float>(position[axis] / count));
-    of_normal.push_back(static_cast<float>(normal[axis] * scale));
+    mean_position.push_back(static_cast<float>(position[axis] / count));
+    mean_normal.push_back(static_cast<float>(normal[axis] * scale));
   }
-  ISOSCOPE_RETURN_IF_ERROR(positions_.Append(of_position));
-  ISOSCOPE_RETURN_IF_ERROR(normals_.Append(of_normal));
+  ISOSCOPE_RETURN_IF_ERROR(positions_.Append(mean_position));
+  ISOSCOPE_RETURN_IF_ERROR(normals_.Append(mean_normal));
   return vertex;
 }
 

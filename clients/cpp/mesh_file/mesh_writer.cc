@@ -55,18 +55,18 @@ absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
   if (suffix.empty()) {
     return format.value_or(MeshFormat::kPly);
   }
-  const absl::StatusOr<MeshFormat> of_name = ParseMeshFormat(suffix.substr(1));
-  if (!of_name.ok() && !format) {
+  const absl::StatusOr<MeshFormat> named_format = ParseMeshFormat(suffix.substr(1));
+  if (!named_format.ok() && !format) {
     return absl::InvalidArgumentError(
         absl::StrCat("--output '", path, "': the suffix '", suffix,
                      "' is that of no format of meshes: .ply, .stl, .obj, .glb, "
                      ".vtp; or give --format"));
   }
-  if (of_name.ok() && format && *of_name != *format) {
+  if (named_format.ok() && format && *named_format != *format) {
     return absl::InvalidArgumentError(absl::StrCat("--output '", path, "': the suffix '", suffix,
                                                    "' is not that of --format ", NameOf(*format)));
   }
-  return format ? *format : *of_name;
+  return format ? *format : *named_format;
 }
 
 bool MeshFileOptions::has_colors() const {

@@ -1,4 +1,7 @@
-// The flags of effects on the drawn pixels: samples, ambient occlusion, silhouettes.
+// The flags of effects on the drawn pixels: samples, and each effect of the proto.
+//
+// An effect is a field of RenderIsosurfaceRequest with effect_options. Its flag, limits and help come
+// from the options (isoscope/v1/options.proto), so a new effect changes nothing here.
 
 #ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_EFFECT_FLAGS_H_
 #define ISOSCOPE_CLIENTS_CPP_REQUEST_EFFECT_FLAGS_H_
@@ -6,39 +9,16 @@
 #include <cstdint>
 #include <optional>
 
-#include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
-
-#include "clients/cpp/request/parse_value.h"
 #include "core/cli/flag_set.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::client {
 
-// Unset members get the server's defaults.
-struct AmbientOcclusionValue {
-  std::optional<std::int64_t> radius_px;
-  std::optional<double> strength;
-
-  friend bool operator==(const AmbientOcclusionValue&, const AmbientOcclusionValue&) = default;
-};
-// "", "RADIUS" or "RADIUS,STRENGTH".
-absl::StatusOr<AmbientOcclusionValue> ParseAmbientOcclusion(absl::string_view text);
-
-struct SilhouetteValue {
-  std::optional<std::int64_t> width_px;
-  std::optional<frame::Color> color;
-
-  friend bool operator==(const SilhouetteValue&, const SilhouetteValue&) = default;
-};
-// "", "WIDTH" or "WIDTH:R,G,B".
-absl::StatusOr<SilhouetteValue> ParseSilhouette(absl::string_view text);
-
 struct EffectFlags {
   std::optional<std::int64_t> samples = std::nullopt;  // of a pixel: 1, 4, 9 or 16
-  std::optional<AmbientOcclusionValue> ambient_occlusion = std::nullopt;
-  std::optional<SilhouetteValue> silhouette = std::nullopt;
+  // The effects that are given. Values that are not given are unset: the server has defaults.
+  isoscope::v1::RenderIsosurfaceRequest effects = {};
 
   // Returns the size at which a picture of `size` is drawn, without the margin of a region.
   [[nodiscard]] view::Viewport drawn_size(const view::Viewport& size) const;

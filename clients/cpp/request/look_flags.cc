@@ -15,9 +15,13 @@
 #include <tuple>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "google/protobuf/descriptor.h"
 
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
@@ -26,6 +30,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "wire/frame_convert.h"
+#include "wire/surface_convert.h"
 
 namespace isoscope::client {
 namespace {
@@ -34,12 +39,32 @@ using frame::ColorBy;
 using frame::ColorMap;
 using frame::Light;
 
+// Each name is that of the proto: COLOR_MAP_COOL_WARM is "cool-warm". The first map is the default.
 const std::vector<std::pair<std::string, ColorMap>>& ColorMapNames() {
-  static const std::vector<std::pair<std::string, ColorMap>> names = {
-      {"viridis", ColorMap::kViridis},    {"magma", ColorMap::kMagma},
-      {"cividis", ColorMap::kCividis},    {"turbo", ColorMap::kTurbo},
-      {"cool-warm", ColorMap::kCoolWarm}, {"grey", ColorMap::kGrey}};
+  static const auto names = [] {
+    std::vector<std::pair<std::string, ColorMap>> all;
+    const google::protobuf::EnumDescriptor& maps = *isoscope::v1::ColorMap_descriptor();
+    for (int i = 1; i < maps.value_count(); ++i) {
+      isoscope::v1::ClipCaps caps;
+      caps.set_color_map(static_cast<isoscope::v1::ColorMap>(maps.value(i)->number()));
+      const absl::StatusOr<frame::ClipCaps> known = wire::ClipCapsFromProto(caps, "caps");
+      if (known.ok()) {
+        const absl::string_view name = absl::StripPrefix(maps.value(i)->name(), "COLOR_MAP_");
+        all.emplace_back(absl::StrReplaceAll(absl::AsciiStrToLower(name), {{"_", "-"}}),
+                         *known->map);
+      }
+    }
+    return all;
+  }();
   return names;
+}
+
+std::string ListOfColorMaps() {
+  std::string list;
+  for (const auto& [name, map] : ColorMapNames()) {
+    absl::StrAppend(&list, list.empty() ? "" : ", ", name, list.empty() ? " (default)" : "");
+  }
+  return list;
 }
 
 using Quantity = std::optional<ColorBy::Quantity>;
@@ -226,11 +251,11 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
       "x|y|z|gradient|normal|none|FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
       &flags->color_by, ParseColorBy,
       "colour surfaces by a world coordinate, by the length of the gradient, by their normal or by "
-      "another field of the dataset; once for all of them, or once for each --surface; maps: "
-      "viridis (default), magma, cividis, turbo, cool-warm, grey; the range is the volume's box by "
-      "default, of the gradient 0 to its bound (isoscope info), of a field its range over all "
-      "steps, as if it were left empty (z:grey::0.2,1); opacities are those at MIN and MAX, and "
-      "below 1 the surface is translucent")
+      "another field of the dataset; once for all of them, or once for each --surface; maps: " +
+          ListOfColorMaps() +
+          "; the range is the volume's box by default, of the gradient 0 to its bound (isoscope "
+          "info), of a field its range over all steps, as if it were left empty (z:grey::0.2,1); "
+          "opacities are those at MIN and MAX, and below 1 the surface is translucent")
       .Group(group);
   cli::AddFlag(set, "--nan-color", "COLOR", &flags->nan_color, ParseColor,
                "colour where the field of --color-by, or the samples of --caps MAP, are missing "

@@ -1,6 +1,8 @@
 """The package itself: messages as current as the protos, types, the wheel."""
 
+import ast
 import filecmp
+import graphlib
 import importlib.util
 import os
 import pathlib
@@ -41,6 +43,20 @@ def test_the_types_are_strict():
     command = [sys.executable, "-m", "mypy", "--config-file", "pyproject.toml", "--cache-dir", "/dev/null"]
     done = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
+
+
+def test_modules_import_each_other_in_one_direction():
+    """Also those that functions import, or type checkers alone."""
+    folder = PACKAGE / "src" / "isoscope"
+    modules = {path.stem: ast.walk(ast.parse(path.read_text())) for path in folder.glob("*.py") if path.stem != "__init__"}
+    imported = {name: set() for name in modules}
+    for name, nodes in modules.items():
+        for node in nodes:
+            if isinstance(node, ast.ImportFrom) and node.module == "isoscope":
+                imported[name] |= {one.name for one in node.names} & modules.keys()
+            elif isinstance(node, ast.ImportFrom) and node.module.startswith("isoscope."):
+                imported[name] |= {node.module.split(".")[1]} & modules.keys()
+    graphlib.TopologicalSorter(imported).prepare()  # raises CycleError
 
 
 def test_no_message_shows_in_the_api():

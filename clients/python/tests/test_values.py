@@ -1,9 +1,11 @@
 """Cameras, colours, regions, addresses, errors and PNGs: what needs no server."""
 
+import inspect
 import math
 import pickle
 import re
 import struct
+import typing
 import zlib
 
 import grpc
@@ -146,25 +148,34 @@ def statistics(**changes):
     return isoscope.Statistics(**{**counts, **changes})
 
 
-def test_old_names_are_readable_and_say_the_new_ones():
-    agent = isoscope.AgentStatistics("a", (0,), 1, 2, 3, 4, 5.0, 6.0, 7.0)
-    point = isoscope.PickedPoint((1, 2), (0, 0, 0), 1.0, 3, None, None, 4, None)
-    ones = np.ones(2, np.int64)
-    histogram = isoscope.Histogram(np.arange(3.0), ones, ones * 2, ones * 3, ones * 4, True, 0, 0, 0, ())
-    stats = statistics(triangle_count=9, durations_ms={"encode": 1500.0})
-    for thing, old, new, value in (
-        (stats, "triangles", "triangle_count", 9), (stats, "active_blocks", "active_block_count", 0),
-        (stats, "coverage", "active_block_coverage", 1), (stats, "step_seconds", "durations_ms", {"encode": 1.5}),
-        (agent, "busy_seconds", "busy_ms", 0.005), (agent, "visible_blocks", "visible_block_count", 2),
-        (isoscope.SurfaceStatistics(1, 2), "vertices", "unique_vertex_count", 2),
-        (point, "surface", "surface_index", 3), (point, "block", "block_id", 4), (point, "shard", "shard_index", None),
-        (histogram, "counts", "sample_count", [1, 1]), (histogram, "active_bytes", "active_block_bytes", [3, 3]),
-        (histogram, "has_counts", "has_sample_counts", True),
-    ):  # fmt: skip
-        with pytest.warns(DeprecationWarning, match=f"{old} is called {new} now"):
-            read = getattr(thing, old)
-        assert (read.tolist() if isinstance(read, np.ndarray) else read) == value, old
-    assert stats.active_block_coverage is None and stats.seconds == 1.5
+def test_colour_maps_and_effects_are_those_of_the_protos():
+    from isoscope import look
+    from isoscope._proto import options_pb2
+
+    assert list(_messages.MAPS) == list(typing.get_args(look.ColorMap))
+    assert list(_messages.QUANTITIES) == list(typing.get_args(look.Quantity))
+    for name in _messages.EFFECTS:
+        field = pb.RenderIsosurfaceRequest.DESCRIPTOR.fields_by_name[name]
+        effect = getattr(isoscope, field.message_type.name)
+        assert name in inspect.signature(isoscope.Dataset.render).parameters
+        for value in field.message_type.fields:
+            assert value.name.removesuffix("_px") in effect.__dataclass_fields__
+            options = value.GetOptions().Extensions[options_pb2.value_options]
+            if options.max > options.min:
+                limits = (f"{options.min:g} to {options.max:g}", f"[{options.min:g}, {options.max:g}]")
+                assert any(text in effect.__doc__ for text in limits), f"{name}: the docs have other limits"
+
+
+def test_effects_send_what_they_have():
+    request = _request.frame(info(), 1)
+    _request.set_appearance(
+        request, color=None, background=None, lights=(), color_by=None, nan_color=None, samples=None, culling="depth",
+        effects={"ambient_occlusion": isoscope.AmbientOcclusion(8, 0.0), "silhouette": True},
+    )  # fmt: skip
+    assert request.ambient_occlusion.radius_px == 8 and request.ambient_occlusion.HasField("strength")
+    assert request.HasField("silhouette") and request.silhouette.ByteSize() == 0
+    with pytest.raises(InvalidArgumentError, match="silhouette width 'x'"):
+        _messages.set_effect(request.silhouette, isoscope.Silhouette("x"), "silhouette")
 
 
 def test_plane_through_a_point_keeps_the_side_of_its_normal():

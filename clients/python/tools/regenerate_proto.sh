@@ -17,7 +17,9 @@ trap 'rm -rf "$scratch"' EXIT
 
 mkdir -p "$folder"
 rm -f "$folder"/*_pb2.py "$folder"/*_pb2.pyi
-# The protos' package is isoscope.v1; the modules are private ones of the package isoscope.
+# The protos' package is isoscope.v1; the modules are private ones of the package isoscope. Newer runtimes have no
+# RegisterExtension: they need no call.
 for file in "$scratch"/isoscope/v1/*; do
-  sed 's/^from isoscope\.v1 import /from isoscope._proto import /' "$file" >"$folder/${file##*/}"
+  sed -e 's/^from isoscope\.v1 import /from isoscope._proto import /' \
+    -e 's/^  \(.*\)\.RegisterExtension(/  getattr(\1, "RegisterExtension", id)(/' "$file" >"$folder/${file##*/}"
 done

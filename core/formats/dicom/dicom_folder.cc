@@ -218,41 +218,40 @@ std::string CommonFolder(const std::string& top, const std::vector<std::string>&
   return below == "." || absl::StartsWith(below, "..") ? "" : below;
 }
 
-std::vector<DicomSeriesEntry> EntriesOf(const Folder& folder, const std::string& top) {
-  std::vector<DicomSeriesEntry> entries;
+std::vector<SeriesEntry> EntriesOf(const Folder& folder, const std::string& top) {
+  std::vector<SeriesEntry> entries;
   for (const auto& [uid, files] : folder.series) {
     const DicomScan& first = folder.scans.at(files.front());
-    DicomSeriesEntry entry{.uid = uid,
-                           .number = first.series_number,
-                           .description = first.description,
-                           .width = first.width,
-                           .height = first.height,
-                           .images = 0,
-                           .first_file = files.front(),
-                           .folder = CommonFolder(top, files)};
+    SeriesEntry entry{.uid = uid,
+                      .number = first.series_number,
+                      .description = first.description,
+                      .width = first.width,
+                      .height = first.height,
+                      .images = 0,
+                      .first_file = files.front(),
+                      .folder = CommonFolder(top, files)};
     for (const std::string& file : files) {
       entry.images += folder.scans.at(file).frames;
     }
     entries.push_back(std::move(entry));
   }
-  std::stable_sort(
-      entries.begin(), entries.end(),
-      [](const DicomSeriesEntry& a, const DicomSeriesEntry& b) { return a.number < b.number; });
+  std::stable_sort(entries.begin(), entries.end(),
+                   [](const SeriesEntry& a, const SeriesEntry& b) { return a.number < b.number; });
   return entries;
 }
 
-std::string ListedSeries(const std::vector<DicomSeriesEntry>& entries) {
-  return absl::StrJoin(entries, "; ", [](std::string* out, const DicomSeriesEntry& entry) {
+std::string ListedSeries(const std::vector<SeriesEntry>& entries) {
+  return absl::StrJoin(entries, "; ", [](std::string* out, const SeriesEntry& entry) {
     absl::StrAppend(out, DescribeDicomSeries(entry));
   });
 }
 
 // The series of that number or UID.
-absl::StatusOr<DicomSeriesEntry> ChosenOf(const std::vector<DicomSeriesEntry>& entries,
-                                          const std::string& path, const std::string& choice) {
-  std::vector<DicomSeriesEntry> chosen;
+absl::StatusOr<SeriesEntry> ChosenOf(const std::vector<SeriesEntry>& entries,
+                                     const std::string& path, const std::string& choice) {
+  std::vector<SeriesEntry> chosen;
   std::copy_if(entries.begin(), entries.end(), std::back_inserter(chosen),
-               [&](const DicomSeriesEntry& entry) {
+               [&](const SeriesEntry& entry) {
                  return entry.uid == choice || absl::StrCat(entry.number) == choice;
                });
   if (chosen.size() == 1) {
@@ -264,8 +263,7 @@ absl::StatusOr<DicomSeriesEntry> ChosenOf(const std::vector<DicomSeriesEntry>& e
                             ListedSeries(entries))
           : absl::StrFormat(
                 "%s: %d series of number %s; choose one by its UID: %s", path, chosen.size(),
-                choice,
-                absl::StrJoin(chosen, "; ", [](std::string* out, const DicomSeriesEntry& entry) {
+                choice, absl::StrJoin(chosen, "; ", [](std::string* out, const SeriesEntry& entry) {
                   absl::StrAppend(out, entry.uid, ": ", DescribeDicomSeries(entry));
                 })));
 }
@@ -367,7 +365,7 @@ absl::StatusOr<std::vector<std::string>> DicomFilesOf(const std::string& path) {
   return files;
 }
 
-std::string DescribeDicomSeries(const DicomSeriesEntry& entry) {
+std::string DescribeDicomSeries(const SeriesEntry& entry) {
   return absl::StrFormat(
       "%d%s, %d %s of %d x %d%s", entry.number,
       entry.description.empty() ? "" : absl::StrCat(" \"", entry.description, "\""), entry.images,
@@ -375,7 +373,7 @@ std::string DescribeDicomSeries(const DicomSeriesEntry& entry) {
       entry.folder.empty() ? "" : absl::StrCat(" in ", base::Printable(entry.folder)));
 }
 
-absl::StatusOr<std::vector<DicomSeriesEntry>> ListDicomSeries(const std::string& path) {
+absl::StatusOr<std::vector<SeriesEntry>> ListDicomSeries(const std::string& path) {
   DicomDecoder decoder;
   const Place place = PlaceOf(path);
   ISOSCOPE_ASSIGN_OR_RETURN(const Folder found, ScanFolder(place, &decoder));
@@ -387,8 +385,8 @@ absl::StatusOr<std::vector<DicomSeriesEntry>> ListDicomSeries(const std::string&
 
 absl::StatusOr<std::string> FindDicomSeriesFile(const std::string& path,
                                                 const std::string& choice) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<DicomSeriesEntry> entries, ListDicomSeries(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(DicomSeriesEntry entry, ChosenOf(entries, path, choice));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<SeriesEntry> entries, ListDicomSeries(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(SeriesEntry entry, ChosenOf(entries, path, choice));
   return std::move(entry.first_file);
 }
 
@@ -407,7 +405,7 @@ absl::StatusOr<DicomSeriesFiles> FindDicomSeries(const std::string& path, const 
   }
   std::string uid;
   if (!choice.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(DicomSeriesEntry entry,
+    ISOSCOPE_ASSIGN_OR_RETURN(SeriesEntry entry,
                               ChosenOf(EntriesOf(folder, place.folder), path, choice));
     uid = std::move(entry.uid);
   } else {

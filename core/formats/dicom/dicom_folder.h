@@ -3,7 +3,6 @@
 #ifndef ISOSCOPE_CORE_FORMATS_DICOM_DICOM_FOLDER_H_
 #define ISOSCOPE_CORE_FORMATS_DICOM_DICOM_FOLDER_H_
 
-#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -11,6 +10,7 @@
 
 #include "core/formats/dicom/dicom_decoder.h"
 #include "core/formats/dicom/dicom_scan.h"
+#include "core/source/series_entry.h"
 
 namespace isoscope::source {
 
@@ -28,25 +28,14 @@ bool HasDicomFileBelow(const std::string& folder);
 // Returns the DICOM files, of any series, among which FindDicomSeries looks. Errors: as there.
 absl::StatusOr<std::vector<std::string>> DicomFilesOf(const std::string& path);
 
-// A series of a folder, for people who choose one.
-struct DicomSeriesEntry {
-  std::string uid;
-  std::int64_t number = 0;
-  std::string description{};  // may be empty
-  std::int64_t width = 0;     // of the first of its files
-  std::int64_t height = 0;
-  std::int64_t images = 0;  // files, or frames of all
-  std::string first_file{};
-  std::string folder{};  // the one below the listed folder that has all its files; "": that itself
-};
 // The series that FindDicomSeries can choose from, by number. NOT_FOUND: no DICOM files with an
 // image. Files that are cut before their series is known are left out. Other errors: as there.
-absl::StatusOr<std::vector<DicomSeriesEntry>> ListDicomSeries(const std::string& path);
+absl::StatusOr<std::vector<SeriesEntry>> ListDicomSeries(const std::string& path);
 // A file of the series of that number or UID. INVALID_ARGUMENT: no such series, or several of that
 // number (lists them). Other errors: as ListDicomSeries.
 absl::StatusOr<std::string> FindDicomSeriesFile(const std::string& path, const std::string& choice);
 // "3 \"T1 axial\", 30 images of 512 x 512", and " in a/b" of a folder below.
-std::string DescribeDicomSeries(const DicomSeriesEntry& entry);
+std::string DescribeDicomSeries(const SeriesEntry& entry);
 
 // The files of one series.
 struct DicomSeriesFiles {

@@ -93,7 +93,6 @@ class SegmentPlanes final : public SliceReader {
     return absl::OkStatus();
   }
 
-  [[nodiscard]] std::int64_t memory_bytes() const override { return kDicomModuleBytes; }
   absl::Status ReadSlice(std::int64_t z, char* out) override {
     FillEmpty(out);
     const auto here = frames_.find(z);
@@ -171,36 +170,30 @@ class SegmentationSeries final : public VolumeSeries {
   SegmentationSeries(std::shared_ptr<const Segmentation> segmentation, ScalarType type,
                      const volume::GridGeometry& geometry, std::vector<SourceField> fields,
                      std::vector<LayerFrames> layers)
-      : segmentation_(std::move(segmentation)),
+      : VolumeSeries(
+            {.name = segmentation->path, .fields = std::move(fields), .length_unit = "mm"}),
+        segmentation_(std::move(segmentation)),
         type_(type),
         geometry_(geometry),
-        fields_(std::move(fields)),
         layers_(std::move(layers)) {}
-
-  [[nodiscard]] const std::string& name() const override { return segmentation_->path; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return time_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return length_unit_; }
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int /*component*/,
                                                      int /*step*/) override {
     auto planes = std::make_unique<SegmentPlanes>(segmentation_, type_,
                                                   layers_[static_cast<std::size_t>(field)]);
     ISOSCOPE_RETURN_IF_ERROR(planes->Start());
-    return MakeSliceSource(geometry_, type_, segmentation_->path, std::move(planes),
-                           volume::PatientFrame());
+    return MakeSliceSource({.name = info().name,
+                            .geometry = geometry_,
+                            .type = type_,
+                            .patient_frame = volume::PatientFrame()},
+                           std::move(planes));
   }
 
  private:
   const std::shared_ptr<const Segmentation> segmentation_;
   const ScalarType type_;
   const volume::GridGeometry geometry_;
-  const std::vector<SourceField> fields_;
   const std::vector<LayerFrames> layers_;  // by field
-  const std::vector<double> times_;
-  const std::string time_unit_;
-  const std::string length_unit_ = "mm";
 };
 
 absl::Status CheckPixels(const Segmentation& segmentation) {

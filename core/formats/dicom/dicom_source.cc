@@ -58,22 +58,23 @@ namespace {
 // The steps of one series.
 class DicomSeries final : public VolumeSeries {
  public:
-  DicomSeries(std::string path, const std::string& field, DicomSteps steps, const GridRules& rules)
-      : path_(std::move(path)), fields_{{.name = field}}, steps_(std::move(steps)), rules_(rules) {}
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return steps_.times; }
-  [[nodiscard]] const std::string& time_unit() const override { return steps_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return length_unit_; }
+  DicomSeries(const std::string& path, const std::string& field, DicomSteps steps,
+              const GridRules& rules)
+      : VolumeSeries({.name = path,
+                      .fields = {{.name = field}},
+                      .times = steps.times,
+                      .time_unit = steps.time_unit,
+                      .length_unit = "mm"}),
+        steps_(std::move(steps)),
+        rules_(rules) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int /*field*/, int /*component*/,
                                                      int step) override {
     std::vector<DicomSlice> slices = steps_.steps[static_cast<std::size_t>(step)];
-    ISOSCOPE_ASSIGN_OR_RETURN(const SliceStack stack, StackSlices(&slices, path_, rules_));
+    ISOSCOPE_ASSIGN_OR_RETURN(const SliceStack stack, StackSlices(&slices, info().name, rules_));
     const absl::Status valid = volume::Validate(stack.geometry);
     if (!valid.ok()) {
-      return absl::Status(valid.code(), absl::StrCat(path_, ": ", valid.message()));
+      return absl::Status(valid.code(), absl::StrCat(info().name, ": ", valid.message()));
     }
     const volume::ScalarType type = slices.front().type;
     const auto patient = slices.front().is_on_patient
@@ -81,17 +82,15 @@ class DicomSeries final : public VolumeSeries {
                              : std::nullopt;
     auto reader = std::make_unique<DicomSliceReader>(std::move(slices));
     ISOSCOPE_RETURN_IF_ERROR(reader->Start());  // while this process is small
-    std::unique_ptr<VolumeSource> source =
-        MakeSliceSource(stack.geometry, type, path_, std::move(reader), patient);
+    std::unique_ptr<VolumeSource> source = MakeSliceSource(
+        {.name = info().name, .geometry = stack.geometry, .type = type, .patient_frame = patient},
+        std::move(reader));
     return ResampleSource(std::move(source), {{{}, {}, stack.distances}}, rules_.fill);
   }
 
  private:
-  const std::string path_;
-  const std::vector<SourceField> fields_;
   const DicomSteps steps_;
   const GridRules rules_;
-  const std::string length_unit_ = "mm";
 };
 
 // The slices of a series, in no order.

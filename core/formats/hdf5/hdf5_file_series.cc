@@ -110,7 +110,7 @@ bool IsIteration(const IterationPattern& pattern, const std::string& file) {
 }
 
 const SourceField* FindField(const VolumeSeries& series, const std::string& name) {
-  const std::vector<SourceField>& fields = series.fields();
+  const std::vector<SourceField>& fields = series.info().fields;
   const auto found = std::find_if(fields.begin(), fields.end(),
                                   [&](const SourceField& field) { return field.name == name; });
   return found == fields.end() ? nullptr : &*found;
@@ -119,43 +119,30 @@ const SourceField* FindField(const VolumeSeries& series, const std::string& name
 class Hdf5FileSeries final : public VolumeSeries {
  public:
   // The first file must be there.
-  Hdf5FileSeries(std::string name, std::vector<std::unique_ptr<VolumeSeries>> steps,
-                 std::vector<double> times, const volume::GridGeometry& grid)
-      : name_(std::move(name)), steps_(std::move(steps)), times_(std::move(times)), grid_(grid) {}
-
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override {
-    return steps_.front()->fields();
-  }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override {
-    return steps_.front()->time_unit();
-  }
-  [[nodiscard]] const std::string& length_unit() const override {
-    return steps_.front()->length_unit();
-  }
+  Hdf5FileSeries(SeriesInfo info, std::vector<std::unique_ptr<VolumeSeries>> steps,
+                 const volume::GridGeometry& grid)
+      : VolumeSeries(std::move(info)), steps_(std::move(steps)), grid_(grid) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     VolumeSeries& file = *steps_[static_cast<std::size_t>(step)];
-    const std::string& wanted = fields()[static_cast<std::size_t>(field)].name;
-    const auto number = FindField(file, wanted) - file.fields().data();
+    const auto number = FindField(file, info().field(field).name) - file.info().fields.data();
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
                               file.Open(static_cast<int>(number), component, 0));
-    ISOSCOPE_RETURN_IF_ERROR(CheckOneGrid(absl::StrFormat("%s: step %d", volume->name(), step),
-                                          volume->geometry(), steps_.front()->name(), grid_));
+    ISOSCOPE_RETURN_IF_ERROR(CheckOneGrid(absl::StrFormat("%s: step %d", volume->info().name, step),
+                                          volume->info().geometry, steps_.front()->info().name,
+                                          grid_));
     return volume;
   }
   // Those of its own file, and what that links to.
   absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
-                              FilesOfHdf5Trees({steps_[static_cast<std::size_t>(step)]->name()}));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::vector<std::string> files,
+        FilesOfHdf5Trees({steps_[static_cast<std::size_t>(step)]->info().name}));
     return files;
   }
 
  private:
-  const std::string name_;
   const std::vector<std::unique_ptr<VolumeSeries>> steps_;  // by step; have all fields
-  const std::vector<double> times_;
   const volume::GridGeometry grid_;
 };
 
@@ -168,34 +155,35 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenStep(const std::string& file,
     return absl::InvalidArgumentError(absl::StrCat(
         file, ": it does not describe its meshes; a pattern of HDF5 files is for those that do"));
   }
-  if (series->step_count() != 1) {
+  if (series->info().step_count() != 1) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d steps; a pattern of HDF5 files is for those of one step: name "
                         "this file alone",
-                        file, series->step_count()));
+                        file, series->info().step_count()));
   }
   return series;
 }
 
 // All that the first has.
-absl::Status CheckFields(const VolumeSeries& step, const VolumeSeries& first) {
-  if (step.length_unit() != first.length_unit() || step.time_unit() != first.time_unit()) {
+absl::Status CheckFields(const VolumeSeries& series, const SeriesInfo& first) {
+  const SeriesInfo& step = series.info();
+  if (step.length_unit != first.length_unit || step.time_unit != first.time_unit) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: units \"%s\" of length and \"%s\" of time; the first step, %s, has \"%s\" and \"%s\"",
-        step.name(), step.length_unit(), step.time_unit(), first.name(), first.length_unit(),
-        first.time_unit()));
+        step.name, step.length_unit, step.time_unit, first.name, first.length_unit,
+        first.time_unit));
   }
-  for (const SourceField& wanted : first.fields()) {
-    const SourceField* const field = FindField(step, wanted.name);
+  for (const SourceField& wanted : first.fields) {
+    const SourceField* const field = FindField(series, wanted.name);
     if (field == nullptr) {
       return absl::InvalidArgumentError(
           absl::StrFormat("%s: no field \"%s\" on its grid, but %s; the first step, %s, has one",
-                          step.name(), wanted.name, DescribeFields(step.fields()), first.name()));
+                          step.name, wanted.name, DescribeFields(step.fields), first.name));
     }
     if (field->components != wanted.components || field->unit != wanted.unit) {
       return absl::InvalidArgumentError(absl::StrFormat("%s: %s; the first step, %s, has %s",
-                                                        step.name(), DescribeFields({*field}),
-                                                        first.name(), DescribeFields({wanted})));
+                                                        step.name, DescribeFields({*field}),
+                                                        first.name, DescribeFields({wanted})));
     }
   }
   return absl::OkStatus();
@@ -205,24 +193,25 @@ absl::Status CheckFields(const VolumeSeries& step, const VolumeSeries& first) {
 absl::StatusOr<std::vector<double>> TimesOf(
     const std::vector<std::unique_ptr<VolumeSeries>>& steps) {
   std::vector<double> times;
-  for (const std::unique_ptr<VolumeSeries>& step : steps) {
-    if (step->times().empty() != steps.front()->times().empty()) {
-      const bool has_time = !step->times().empty();
+  const SeriesInfo& first = steps.front()->info();
+  for (const std::unique_ptr<VolumeSeries>& series : steps) {
+    const SeriesInfo& step = series->info();
+    if (step.times.empty() != first.times.empty()) {
+      const bool has_time = !step.times.empty();
       return absl::InvalidArgumentError(
-          absl::StrFormat("%s has %s time, but the first step, %s, has %s", step->name(),
-                          has_time ? "a" : "no", steps.front()->name(), has_time ? "none" : "one"));
+          absl::StrFormat("%s has %s time, but the first step, %s, has %s", step.name,
+                          has_time ? "a" : "no", first.name, has_time ? "none" : "one"));
     }
-    const double time =
-        step->times().empty() ? static_cast<double>(times.size()) : step->times().front();
+    const double time = step.times.empty() ? static_cast<double>(times.size()) : step.times.front();
     if (!times.empty() && !(time > times.back())) {
       return absl::InvalidArgumentError(
           absl::StrFormat("%s has the time %g, behind %g of %s; expected times that ascend with "
                           "the numbers in names, each once",
-                          step->name(), time, times.back(), steps[times.size() - 1]->name()));
+                          step.name, time, times.back(), steps[times.size() - 1]->info().name));
     }
     times.push_back(time);
   }
-  return steps.size() == 1 ? steps.front()->times() : times;
+  return steps.size() == 1 ? first.times : times;
 }
 
 }  // namespace
@@ -264,18 +253,21 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
   for (const std::string& file : files) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> step, OpenStep(file, part, rules));
     if (!steps.empty()) {
-      ISOSCOPE_RETURN_IF_ERROR(CheckFields(*step, *steps.front()));
+      ISOSCOPE_RETURN_IF_ERROR(CheckFields(*step, steps.front()->info()));
     }
     // One volume tells the grid, because those of a file lie on one.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSource> volume, step->Open(0, 0, 0));
     if (steps.empty()) {
-      grid = volume->geometry();
+      grid = volume->info().geometry;
     }
-    ISOSCOPE_RETURN_IF_ERROR(CheckOneGrid(file, volume->geometry(), files.front(), grid));
+    ISOSCOPE_RETURN_IF_ERROR(CheckOneGrid(file, volume->info().geometry, files.front(), grid));
     steps.push_back(std::move(step));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> times, TimesOf(steps));
-  return std::make_unique<Hdf5FileSeries>(name, std::move(steps), std::move(times), grid);
+  SeriesInfo info = steps.front()->info();
+  info.name = name;
+  info.fields_elsewhere.clear();
+  ISOSCOPE_ASSIGN_OR_RETURN(info.times, TimesOf(steps));
+  return std::make_unique<Hdf5FileSeries>(std::move(info), std::move(steps), grid);
 }
 
 absl::StatusOr<bool> IsWrittenByNetcdf(const std::string& file) {

@@ -9,9 +9,8 @@
 //
 //   1. Follow takes one name of a path after the other. A hard link leads on, a soft one replaces
 //      the path so far, an external one adds its file and goes on there.
-//   2. VisitObject looks at what the path leads to. Of a group, all links below it are followed,
-//   and
-//      all datasets below it are visited.
+//   2. VisitObject looks at what the path leads to. It follows all links below a group, and visits
+//      all datasets there.
 //   3. VisitDataset follows the sources of a virtual dataset, and adds raw files.
 //
 // Each object is visited once, which ends circles of objects; kMaxLinks ends those of links.

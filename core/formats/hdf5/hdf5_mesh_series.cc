@@ -28,17 +28,16 @@ namespace {
 // Samples of one value.
 class ConstantSource final : public VolumeSource {
  public:
-  ConstantSource(std::string name, const Hdf5Constant& constant,
+  ConstantSource(const std::string& name, const Hdf5Constant& constant,
                  const volume::GridGeometry& geometry)
-      : name_(std::move(name)), constant_(constant), geometry_(geometry) {}
+      : VolumeSource({.name = name,
+                      .geometry = geometry,
+                      .type = constant.is_single ? volume::ScalarType::kFloat32
+                                                 : volume::ScalarType::kFloat64}),
+        constant_(constant) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override {
-    return constant_.is_single ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
-  }
-  [[nodiscard]] const std::string& name() const override { return name_; }
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const std::int64_t count = (end_row - begin_row) * geometry_.sample_dims.x;
+    const std::int64_t count = (end_row - begin_row) * info().geometry.sample_dims.x;
     const auto single = static_cast<float>(constant_.value);
     for (std::int64_t i = 0; i < count; ++i) {
       if (constant_.is_single) {
@@ -51,9 +50,7 @@ class ConstantSource final : public VolumeSource {
   }
 
  private:
-  const std::string name_;
   const Hdf5Constant constant_;
-  const volume::GridGeometry geometry_;
 };
 
 absl::Status WithName(const std::string& name, const absl::Status& status) {
@@ -104,15 +101,16 @@ absl::StatusOr<std::vector<std::string>> DescribeMeshes(const std::string& path,
       most = alike;
     }
   }
-  WalledFile file{
-      .times = meshes->times, .time_unit = meshes->time_unit, .length_unit = meshes->length_unit};
+  WalledFile file{.info = {.times = meshes->times,
+                           .time_unit = meshes->time_unit,
+                           .length_unit = meshes->length_unit}};
   for (std::size_t i = 0; i < meshes->fields.size(); ++i) {
     const Hdf5MeshField& field = meshes->fields[i];
     if (field.geometry == chosen->geometry) {
       if (part.empty() || &field == chosen) {
         ISOSCOPE_RETURN_IF_ERROR(CheckSteps(path, field, 0, field.volumes.size()));
       }
-      file.fields.push_back({.field = field.field, .number = static_cast<std::int64_t>(i)});
+      file.Add(field.field, static_cast<std::int64_t>(i));
     }
   }
   return WalledTexts(file);

@@ -42,6 +42,7 @@
 #include "core/source/child/walled_series.h"
 #include "core/source/child/walled_source.h"
 #include "core/source/grid/axis_order.h"
+#include "core/source/series_parts.h"
 
 namespace isoscope::source {
 namespace {
@@ -168,15 +169,9 @@ constexpr WalledLibrary kHdf5Parts = {
     .name = "HDF5", .open = OpenPart, .find_files = nullptr, .describe = Describe};
 
 struct Hdf5Description {
-  std::string name;
-  std::string letters;
-  AxisOrder order;
-  std::vector<std::int64_t> dims;
-  std::vector<double> times;
+  std::string name;  // with the dataset's name
+  SeriesInfo info;   // but the names of series and field
   AxisDistances distances;
-  SourceField field;
-  std::string time_unit;
-  std::string length_unit;
 };
 
 bool ParseHdf5Numbers(const std::string& text, std::vector<double>* numbers) {
@@ -196,22 +191,21 @@ bool ParseDescription(const std::vector<std::string>& texts, Hdf5Description* de
     values.insert(pair);
   }
   description->name = values["name"];
-  description->letters = values["axes"];
-  const auto order = ParseAxisOrder(description->letters);
+  const std::string& letters = values["axes"];
+  const auto order = ParseAxisOrder(letters);
   if (!order.ok()) {
     return false;
   }
-  description->order = *order;
+  std::vector<std::int64_t> dims;
   for (const absl::string_view word : absl::StrSplit(values["dims"], ' ', absl::SkipEmpty())) {
-    if (!absl::SimpleAtoi(word, &description->dims.emplace_back()) ||
-        description->dims.back() < 1) {
+    if (!absl::SimpleAtoi(word, &dims.emplace_back()) || dims.back() < 1) {
       return false;
     }
   }
-  if (description->dims.size() != description->letters.size()) {
+  if (dims.size() != letters.size()) {
     return false;
   }
-  std::vector<double>& times = description->times;
+  std::vector<double>& times = description->info.times;
   AxisDistances& distances = description->distances;
   const bool are_numbers = ParseHdf5Numbers(values["times"], &times) &&
                            ParseHdf5Numbers(values["distances_x"], &distances[0]) &&
@@ -222,67 +216,50 @@ bool ParseDescription(const std::vector<std::string>& texts, Hdf5Description* de
       return false;
     }
   }
-  const std::int64_t steps = order->t.has_value() ? description->dims[*order->t] : 1;
-  const auto time_count = static_cast<std::int64_t>(description->times.size());
-  description->field.long_name = values["long_name"];
-  description->field.unit = values["unit"];
-  description->time_unit = values["time_unit"];
-  description->length_unit = values["length_unit"];
-  return are_numbers && steps <= kMaxHdf5Steps && (time_count == 0 || time_count == steps);
+  const std::int64_t steps = order->t.has_value() ? dims[*order->t] : 1;
+  const auto time_count = static_cast<std::int64_t>(times.size());
+  if (!are_numbers || steps > kMaxHdf5Steps || (time_count != 0 && time_count != steps)) {
+    return false;
+  }
+  for (std::int64_t i = 0; time_count == 0 && steps > 1 && i < steps; ++i) {
+    times.push_back(static_cast<double>(i));
+  }
+  description->info.fields = {
+      {.name = "",
+       .long_name = values["long_name"],
+       .unit = values["unit"],
+       .components = ComponentNames(order->c.has_value() ? dims[*order->c] : 1)}};
+  description->info.time_unit = values["time_unit"];
+  description->info.length_unit = values["length_unit"];
+  return true;
 }
 
 class Hdf5Series final : public VolumeSeries {
  public:
   // `letters`: those of --axes.
-  Hdf5Series(std::string path, std::string letters, const GridRules& rules,
-             Hdf5Description description)
-      : path_(std::move(path)),
-        letters_(letters.empty() ? std::string(kAsFileSays) : std::move(letters)),
-        rules_(rules),
-        description_(std::move(description)) {
-    const AxisOrder& order = description_.order;
-    const std::int64_t steps = order.t.has_value() ? description_.dims[*order.t] : 1;
-    for (std::int64_t i = 0; description_.times.empty() && steps > 1 && i < steps; ++i) {
-      times_.push_back(static_cast<double>(i));
-    }
-    if (!description_.times.empty()) {
-      times_ = description_.times;
-    }
-    SourceField& field = description_.field;
-    const std::int64_t components = order.c.has_value() ? description_.dims[*order.c] : 1;
-    if (components > 1) {
-      field.components.clear();
-      for (std::int64_t i = 0; i < components; ++i) {
-        field.components.push_back(components == 3 ? std::string(1, "xyz"[i]) : absl::StrCat(i));
-      }
-    }
-    fields_ = {field};
-  }
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return description_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return description_.length_unit; }
+  Hdf5Series(const std::string& letters, const GridRules& rules, Hdf5Description description)
+      : VolumeSeries(std::move(description.info)),
+        dataset_(std::move(description.name)),
+        distances_(std::move(description.distances)),
+        letters_(letters.empty() ? std::string(kAsFileSays) : letters),
+        rules_(rules) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_CHECK(field == 0);
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
-                              OpenWalled(kHdf5Parts, description_.name,
+                              OpenWalled(kHdf5Parts, dataset_,
                                          absl::StrCat(letters_, " ", step, " ", component, " ",
                                                       rules_.resamples ? kUnevenGrid : kEvenGrid,
                                                       " ", GivenWord(rules_))));
-    return rules_.resamples ? ResampleSource(std::move(volume), description_.distances, rules_.fill)
+    return rules_.resamples ? ResampleSource(std::move(volume), distances_, rules_.fill)
                             : std::move(volume);
   }
 
  private:
-  const std::string path_;
+  const std::string dataset_;  // with its file
+  const AxisDistances distances_;
   const std::string letters_;
   const GridRules rules_;
-  Hdf5Description description_;
-  std::vector<SourceField> fields_;
-  std::vector<double> times_;
 };
 
 }  // namespace
@@ -306,8 +283,9 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5Series(const std::string& 
         absl::StrCat(path, ": what HDF5 says of it makes no sense: the file is damaged"));
   }
   const std::string dataset = named.dataset.substr(named.dataset.rfind('/') + 1);
-  description.field.name = dataset.empty() ? "volume" : dataset;
-  return std::make_unique<Hdf5Series>(path, axes, rules, std::move(description));
+  description.info.name = path;
+  description.info.fields.front().name = dataset.empty() ? "volume" : dataset;
+  return std::make_unique<Hdf5Series>(axes, rules, std::move(description));
 }
 
 }  // namespace isoscope::source

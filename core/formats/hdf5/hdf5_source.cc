@@ -55,29 +55,23 @@ constexpr std::int64_t kMaxChunkBytes = 256 * base::kMiB;
 class Hdf5Source final : public VolumeSource {
  public:
   // `start` is the box of one element that is read, but for the axes z, y and x.
-  Hdf5Source(const volume::GridGeometry& geometry, Hdf5SampleType type, std::string name,
+  Hdf5Source(const volume::GridGeometry& geometry, Hdf5SampleType type, const std::string& name,
              std::vector<hsize_t> start, const AxisOrder& axes, std::int64_t cache_bytes,
              Hdf5Handle file, Hdf5Handle dataset)
-      : geometry_(geometry),
+      : VolumeSource({.name = name,
+                      .geometry = geometry,
+                      .type = type.scalar,
+                      .memory_bytes = cache_bytes + kConversionBytes}),
         type_(std::move(type)),
-        name_(std::move(name)),
         start_(std::move(start)),
         axes_(axes),
-        cache_bytes_(cache_bytes),
         file_(std::move(file)),
         dataset_(std::move(dataset)) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_.scalar; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return cache_bytes_ + kConversionBytes;
-  }
-
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
-    const std::int64_t row_bytes = dims.x * static_cast<std::int64_t>(volume::SizeOf(type_.scalar));
+    const std::int64_t row_bytes = info().row_bytes();
     // Part of a plane, whole planes, part of a plane.
     while (begin_row < end_row) {
       const std::int64_t z = begin_row / dims.y;
@@ -103,12 +97,9 @@ class Hdf5Source final : public VolumeSource {
     start[axes_.y] = static_cast<hsize_t>(y);
     count[axes_.z] = static_cast<hsize_t>(planes);
     count[axes_.y] = static_cast<hsize_t>(rows);
-    count[axes_.x] = static_cast<hsize_t>(geometry_.sample_dims.x);
+    count[axes_.x] = static_cast<hsize_t>(info().geometry.sample_dims.x);
     // The library leaves memory as it is where nothing was written and no fill value is defined.
-    std::fill_n(out,
-                static_cast<std::size_t>(planes * rows * geometry_.sample_dims.x) *
-                    volume::SizeOf(type_.scalar),
-                '\0');
+    std::fill_n(out, planes * rows * info().row_bytes(), '\0');
     const Hdf5Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
     const Hdf5Handle memory_space(
         H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr), H5Sclose);
@@ -119,17 +110,14 @@ class Hdf5Source final : public VolumeSource {
                 H5P_DEFAULT, out) < 0) {
       return absl::DataLossError(
           absl::StrFormat("%s: planes %d to %d can't be read: %s: the file is damaged or cut",
-                          name_, z, z + planes - 1, LastHdf5Error()));
+                          info().name, z, z + planes - 1, LastHdf5Error()));
     }
     return absl::OkStatus();
   }
 
-  const volume::GridGeometry geometry_;
   const Hdf5SampleType type_;
-  const std::string name_;
   const std::vector<hsize_t> start_;  // by axis of the dataset
   const AxisOrder axes_;
-  const std::int64_t cache_bytes_;
   const Hdf5Handle file_;
   const Hdf5Handle dataset_;
 };

@@ -98,18 +98,18 @@ absl::StatusOr<LocatedFile> LocateCube(const io::RandomAccessFile& file, const s
         absl::StrFormat("%d atoms and %d values a voxel; expected at most %d and 1 to %d",
                         atoms.count, atoms.values, kMaxCubeAtoms, kMaxCubeOrbitals));
   }
-  LocatedFile located;
+  LocatedFile located{.info = {.name = file.path()}};
   located.geometry.origin = atoms.vector;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     ISOSCOPE_ASSIGN_OR_RETURN(const CubeLine line, ReadCubeLine(&scanner, "a grid's axis", false));
     const char* const unit = line.count < 0 ? "angstrom" : "bohr";
-    if (axis > 0 && located.length_unit != unit) {
+    if (axis > 0 && located.info.length_unit != unit) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "axis %d has %d voxels, those before it %s: a negative number means angstroms, a "
           "positive one bohr; expected one sign for all three axes",
-          axis, line.count, located.length_unit == "bohr" ? "more than 0" : "less than 0"));
+          axis, line.count, located.info.length_unit == "bohr" ? "more than 0" : "less than 0"));
     }
-    located.length_unit = unit;
+    located.info.length_unit = unit;
     const std::size_t index = 2 - axis;  // the last is the fastest
     const double length = math::Length(line.vector);
     constexpr std::int64_t kMaxAxis = std::int64_t{1} << 24;
@@ -128,21 +128,19 @@ absl::StatusOr<LocatedFile> LocateCube(const io::RandomAccessFile& file, const s
     }
     ISOSCOPE_RETURN_IF_ERROR(scanner.NextLine().status());
   }
-  LocatedField only{.field = {.name = field, .components = ComponentNames(atoms.values)},
-                    .location = TextLocation{}};
+  SourceField only{.name = field, .components = ComponentNames(atoms.values)};
   if (atoms.count < 0) {
-    ISOSCOPE_ASSIGN_OR_RETURN(only.field.components, ReadOrbitals(&scanner));
-    if (only.field.components.size() == 1) {
-      only.field.long_name = absl::StrCat(field, ", orbital ", only.field.components[0]);
-      only.field.components = {""};
+    ISOSCOPE_ASSIGN_OR_RETURN(only.components, ReadOrbitals(&scanner));
+    if (only.components.size() == 1) {
+      only.long_name = absl::StrCat(field, ", orbital ", only.components[0]);
+      only.components = {""};
     }
   }
-  only.location =
-      TextLocation{.file = file.path(),
-                   .offset = scanner.position(),
-                   .type = volume::ScalarType::kFloat32,
-                   .components = static_cast<std::int64_t>(only.field.components.size())};
-  located.fields.push_back(std::move(only));
+  const auto components = static_cast<std::int64_t>(only.components.size());
+  located.Add(std::move(only), {.location = TextLocation{.file = file.path(),
+                                                         .offset = scanner.position(),
+                                                         .type = volume::ScalarType::kFloat32,
+                                                         .components = components}});
   return located;
 }
 
@@ -162,7 +160,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenCubeSeries(const std::string& 
     return absl::Status(located.status().code(),
                         absl::StrCat(file, ": ", located.status().message()));
   }
-  return MakeLocatedSeries(file, *std::move(located));
+  return MakeLocatedSeries(*std::move(located));
 }
 
 }  // namespace isoscope::source

@@ -260,26 +260,25 @@ absl::StatusOr<LocatedFile> LocateMrc(const FileStart& head, const std::string& 
     return absl::InvalidArgumentError(
         absl::StrFormat("an extended header of %d bytes; expected 0 or more", header->Integer(24)));
   }
-  LocatedFile located;
+  LocatedFile located{.info = {.name = path}};
   bool has_cell = false;
   ISOSCOPE_ASSIGN_OR_RETURN(located.geometry, MrcGeometry(*header, sections, rules, &has_cell));
-  located.length_unit = has_cell ? "angstrom" : "";
+  located.info.length_unit = has_cell ? "angstrom" : "";
   const std::int64_t volumes = all_sections / sections;
   for (std::int64_t i = 0; volumes > 1 && i < volumes; ++i) {
-    located.times.push_back(static_cast<double>(i));
+    located.info.times.push_back(static_cast<double>(i));
   }
   const std::int64_t start = static_cast<std::int64_t>(kMrcHeaderBytes) + header->Integer(24);
-  located.fields.push_back(
-      {.field = {.name = field},
-       .location = SampleLocation{.files = {path},
-                                  .offset = head.is_gzip ? 0 : start,
-                                  .encoding = head.is_gzip ? SampleEncoding::kDeflate
-                                                           : SampleEncoding::kRaw,
-                                  .decoded_skip = head.is_gzip ? start : 0,
-                                  .is_big_endian = header->is_big_endian(),
-                                  .stored_type = type.scalar,
-                                  .volume_count = volumes},
-       .wide = type.wide});
+  located.Add({.name = field},
+              {.location = SampleLocation{.files = {path},
+                                          .offset = head.is_gzip ? 0 : start,
+                                          .encoding = head.is_gzip ? SampleEncoding::kDeflate
+                                                                   : SampleEncoding::kRaw,
+                                          .decoded_skip = head.is_gzip ? start : 0,
+                                          .is_big_endian = header->is_big_endian(),
+                                          .stored_type = type.scalar,
+                                          .volume_count = volumes},
+               .wide = type.wide});
   return located;
 }
 
@@ -296,7 +295,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenMrcSeries(const std::string& f
     return absl::Status(located.status().code(),
                         absl::StrCat(file, ": ", located.status().message()));
   }
-  return MakeLocatedSeries(file, *std::move(located));
+  return MakeLocatedSeries(*std::move(located));
 }
 
 }  // namespace isoscope::source

@@ -113,12 +113,11 @@ absl::StatusOr<std::vector<std::string>> DescribeVdb(const std::string& path,
       return VdbTypeError(path, {grid});
     }
     if (grid.components > 0 && (!is_joined || (grid.is_linear && grid.alike == *common))) {
-      described.fields.push_back(
-          {.field = VdbFieldOf(grid, grids, path),
-           .number = 2 * static_cast<std::int64_t>(i) + (is_joined ? 1 : 0)});
+      described.Add(VdbFieldOf(grid, grids, path),
+                    2 * static_cast<std::int64_t>(i) + (is_joined ? 1 : 0));
     }
   }
-  if (described.fields.empty()) {
+  if (described.numbers.empty()) {
     return VdbTypeError(path, grids);
   }
   return WalledTexts(described);
@@ -127,15 +126,12 @@ absl::StatusOr<std::vector<std::string>> DescribeVdb(const std::string& path,
 class VdbSource final : public VolumeSource {
  public:
   VdbSource(std::unique_ptr<VdbVolume> volume, const volume::GridGeometry& geometry,
-            std::string path)
-      : volume_(std::move(volume)), geometry_(geometry), path_(std::move(path)) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return volume_->header().type; }
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return volume_->header().memory_bytes;
-  }
+            const std::string& path)
+      : VolumeSource({.name = path,
+                      .geometry = geometry,
+                      .type = volume->header().type,
+                      .memory_bytes = volume->header().memory_bytes}),
+        volume_(std::move(volume)) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     return volume_->ReadRows(begin_row, end_row, out);
@@ -143,8 +139,6 @@ class VdbSource final : public VolumeSource {
 
  private:
   const std::unique_ptr<VdbVolume> volume_;
-  const volume::GridGeometry geometry_;
-  const std::string path_;
 };
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVdbPart(const std::string& path,
@@ -180,26 +174,19 @@ std::int64_t VdbMemoryBytes(const std::string& path) {
 class VdbSeries final : public VolumeSeries {
  public:
   VdbSeries(std::unique_ptr<VolumeSeries> grids, const GridRules& rules)
-      : grids_(std::move(grids)), rules_(rules) {}
-
-  [[nodiscard]] const std::string& name() const override { return grids_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return grids_->fields(); }
-  [[nodiscard]] const std::vector<double>& times() const override { return grids_->times(); }
-  [[nodiscard]] const std::string& time_unit() const override { return grids_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return grids_->length_unit(); }
+      : VolumeSeries(grids->info()), grids_(std::move(grids)), rules_(rules) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
                               grids_->Open(field, component, step));
-    const std::string& grid = fields()[static_cast<std::size_t>(field)].name;
-    const std::string title = absl::StrCat(name(), ":", grid);
-    const volume::GridGeometry& geometry = volume->geometry();
+    const std::string title = absl::StrCat(info().name, ":", info().field(field).name);
+    const volume::GridGeometry& geometry = volume->info().geometry;
     const std::optional<Shear> shear = FindShear(geometry.direction);
     if (shear.has_value() && !rules_.ignores_shear) {
       return ShearError(*shear, title);
     }
     const math::Index3& dims = geometry.sample_dims;
-    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(volume->scalar_type()));
+    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(volume->info().type));
     if (dims.x > kMaxVdbBoxBytes / sample_bytes / dims.y / dims.z) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: the box of its active voxels has %d x %d x %d samples, %.4g TiB if it is filled; "

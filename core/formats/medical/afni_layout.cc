@@ -15,9 +15,10 @@
 //   BRICK_FLOAT_FACS    of each: the factor of its samples, 0 if there is none
 //   BRICK_LABS          labels, a ~ between them
 //   BYTEORDER_STRING    LSB_FIRST or MSB_FIRST
-//   IJK_TO_DICOM_REAL   rows of the transform from indices to LPS; older files have ORIGIN, DELTA
-//   and
-//                       ORIENT_SPECIFIC: per axis where it begins, the distance, and the direction
+//   IJK_TO_DICOM_REAL   rows of the transform from indices to LPS; older files have these three
+//   ORIGIN              instead: per axis, where it begins,
+//   DELTA               the distance of samples,
+//   ORIENT_SPECIFIC     and the direction
 //   TAXIS_NUMS          the sub-bricks are steps: their number, slices with offsets, the unit
 //   TAXIS_FLOATS        the first time, the interval, ...
 //

@@ -1,56 +1,24 @@
 #include "core/formats/medical/sample_format.h"
 
-#include <array>
-
 #include "absl/strings/match.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
-#include "core/source/bytes/file_start.h"
 
 namespace isoscope::source {
 
-std::optional<FileFormat> SampleFormatOf(const std::string& path) {
-  struct SampleEnding {
-    const char* text;
-    FileFormat format;
-  };
-  constexpr std::array<SampleEnding, 4> kEndings{{{".nrrd", FileFormat::kNrrd},
-                                                  {".nhdr", FileFormat::kNrrd},
-                                                  {".mha", FileFormat::kMetaImage},
-                                                  {".mhd", FileFormat::kMetaImage}}};
-  for (const SampleEnding& ending : kEndings) {
-    if (absl::EndsWithIgnoreCase(path, ending.text)) {
-      return ending.format;
-    }
-  }
-  constexpr std::size_t kHeadBytes = 64;
-  const auto head = ReadFileStart(path, kHeadBytes);
-  if (!head.ok() || head->is_gzip) {
-    return std::nullopt;
-  }
-  if (absl::StartsWith(head->bytes, "NRRD000")) {
-    return FileFormat::kNrrd;
-  }
-  if (absl::StartsWith(head->bytes, "ObjectType") || absl::StartsWith(head->bytes, "NDims")) {
-    return FileFormat::kMetaImage;
-  }
-  return std::nullopt;
+bool HasNrrdName(const std::string& path) {
+  return absl::EndsWithIgnoreCase(path, ".nrrd") || absl::EndsWithIgnoreCase(path, ".nhdr");
 }
 
-std::optional<FileFormat> SampleFormatFromName(const std::string& name) {
-  struct Name {
-    const char* text;
-    FileFormat format;
-  };
-  constexpr std::array<Name, 2> kNames{
-      {{"nrrd", FileFormat::kNrrd}, {"metaimage", FileFormat::kMetaImage}}};
-  for (const Name& known : kNames) {
-    if (absl::EqualsIgnoreCase(name, known.text)) {
-      return known.format;
-    }
-  }
-  return std::nullopt;
+bool HasMetaImageName(const std::string& path) {
+  return absl::EndsWithIgnoreCase(path, ".mha") || absl::EndsWithIgnoreCase(path, ".mhd");
+}
+
+bool IsNrrdHeader(absl::string_view head) { return absl::StartsWith(head, "NRRD000"); }
+
+bool IsMetaImageHeader(absl::string_view head) {
+  return absl::StartsWith(head, "ObjectType") || absl::StartsWith(head, "NDims");
 }
 
 namespace {

@@ -3,10 +3,10 @@
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
 
-#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "core/source/bytes/sample_location.h"
 
@@ -21,11 +21,12 @@ absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::strin
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
 
-// The format of a file: by the ending of the name (NRRD: .nrrd .nhdr;
-// MetaImage: .mha .mhd), else by the first bytes of an existing file. Not set for others.
-std::optional<FileFormat> SampleFormatOf(const std::string& path);
-// "nrrd", "metaimage", in any case; not set for other names.
-std::optional<FileFormat> SampleFormatFromName(const std::string& name);
+// Whether a name ends as those of NRRD (.nrrd .nhdr), or of MetaImage (.mha .mhd).
+bool HasNrrdName(const std::string& path);
+bool HasMetaImageName(const std::string& path);
+// Whether the first bytes of a file are of one.
+bool IsNrrdHeader(absl::string_view head);
+bool IsMetaImageHeader(absl::string_view head);
 
 }  // namespace isoscope::source
 

@@ -8,8 +8,8 @@
 // A sample lies at the sum of (start + index * step) * direction_cosines over its axes, in RAS. Its
 // real value is
 //
-//   image-min + (sample - valid_range[0]) * (image-max - image-min) / (valid_range[1] -
-//   valid_range[0])
+//   image-min + (sample - valid_range[0]) * (image-max - image-min) / valid_width
+//   valid_width = valid_range[1] - valid_range[0]
 //
 // also outside valid_range, as libminc computes it for MINC 2. Floats are real values already.
 // Source: https://en.wikibooks.org/wiki/MINC/Reference/MINC1-programmers-guide.
@@ -308,32 +308,20 @@ absl::StatusOr<Minc1File> ReadMinc1(const std::string& path) {
 class Minc1Source final : public VolumeSource {
  public:
   // `scales`: by slice; none if samples are real values.
-  Minc1Source(std::unique_ptr<VolumeSource> stored, std::vector<Rescaling> scales, std::string path)
-      : stored_(std::move(stored)), scales_(std::move(scales)), path_(std::move(path)) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override {
-    return stored_->geometry();
-  }
-  [[nodiscard]] ScalarType scalar_type() const override {
-    return scales_.empty() ? stored_->scalar_type() : RescaledType(stored_->scalar_type());
-  }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return volume::PatientFrame();
-  }
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return stored_->memory_bytes(); }
+  Minc1Source(std::unique_ptr<VolumeSource> stored, std::vector<Rescaling> scales,
+              const std::string& path)
+      : VolumeSource(InfoOf(stored->info(), scales, path)),
+        stored_(std::move(stored)),
+        scales_(std::move(scales)) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     if (scales_.empty()) {
       return stored_->ReadRows(begin_row, end_row, out);
     }
-    const ScalarType type = stored_->scalar_type();
-    const math::Index3& dims = geometry().sample_dims;
-    const auto row_bytes = [&](ScalarType of) {
-      return dims.x * static_cast<std::int64_t>(volume::SizeOf(of));
-    };
-    const std::int64_t stored_bytes = row_bytes(type);
-    const std::int64_t bytes = row_bytes(scalar_type());
+    const ScalarType type = stored_->info().type;
+    const math::Index3& dims = info().geometry.sample_dims;
+    const std::int64_t stored_bytes = stored_->info().row_bytes();
+    const std::int64_t bytes = info().row_bytes();
     char* stored = out + (end_row - begin_row) * (bytes - stored_bytes);
     ISOSCOPE_RETURN_IF_ERROR(stored_->ReadRows(begin_row, end_row, stored));
     while (begin_row < end_row) {
@@ -350,9 +338,16 @@ class Minc1Source final : public VolumeSource {
   }
 
  private:
+  static SourceInfo InfoOf(SourceInfo info, const std::vector<Rescaling>& scales,
+                           const std::string& path) {
+    info.name = path;
+    info.type = scales.empty() ? info.type : RescaledType(info.type);
+    info.patient_frame = volume::PatientFrame();
+    return info;
+  }
+
   const std::unique_ptr<VolumeSource> stored_;
   const std::vector<Rescaling> scales_;
-  const std::string path_;
 };
 
 // `part` is the name of the field.
@@ -360,8 +355,8 @@ absl::StatusOr<std::vector<std::string>> DescribeMinc1(const std::string& path,
                                                        const std::string& part) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Minc1File minc, ReadMinc1(path));
   WalledFile described{
-      .times = minc.times, .time_unit = minc.time_unit, .length_unit = minc.length_unit};
-  described.fields.push_back({.field = {.name = part}, .number = 0});
+      .info = {.times = minc.times, .time_unit = minc.time_unit, .length_unit = minc.length_unit}};
+  described.Add({.name = part}, 0);
   return WalledTexts(described);
 }
 

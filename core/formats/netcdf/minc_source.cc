@@ -38,19 +38,15 @@ namespace {
 class MincSource final : public VolumeSource {
  public:
   MincSource(itk::MINCImageIO::Pointer io, const volume::GridGeometry& geometry,
-             volume::ScalarType type, std::string name)
-      : io_(std::move(io)), geometry_(geometry), type_(type), name_(std::move(name)) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return volume::PatientFrame();
-  }
-  [[nodiscard]] const std::string& name() const override { return name_; }
+             volume::ScalarType type, const std::string& name)
+      : VolumeSource({.name = name,
+                      .geometry = geometry,
+                      .type = type,
+                      .patient_frame = volume::PatientFrame()}),
+        io_(std::move(io)) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
-    const std::int64_t row_bytes = dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
+    const math::Index3& dims = info().geometry.sample_dims;
     try {
       while (begin_row < end_row) {
         const std::int64_t y = begin_row % dims.y;
@@ -60,21 +56,18 @@ class MincSource final : public VolumeSource {
         region.SetSize({static_cast<std::size_t>(dims.x), static_cast<std::size_t>(rows), 1});
         io_->SetIORegion(region);
         io_->Read(out);
-        out += rows * row_bytes;
+        out += rows * info().row_bytes();
         begin_row += rows;
       }
     } catch (const std::exception& error) {
       return absl::DataLossError(
-          absl::StrFormat("%s: can't be read as MINC: %s", name_, TextOfItk(error)));
+          absl::StrFormat("%s: can't be read as MINC: %s", info().name, TextOfItk(error)));
     }
     return absl::OkStatus();
   }
 
  private:
   const itk::MINCImageIO::Pointer io_;
-  const volume::GridGeometry geometry_;
-  const volume::ScalarType type_;
-  const std::string name_;
 };
 
 // `factors`: what turns the lengths along each axis to millimetres.

@@ -217,8 +217,8 @@ absl::Status DescribeNetcdfTimes(const NetcdfVariable& chosen, const std::string
   if (!times.ok()) {
     return absl::Status(times.status().code(), absl::StrCat(path, ": ", times.status().message()));
   }
-  described->times = *std::move(times);
-  described->time_unit = time.units;
+  described->info.times = *std::move(times);
+  described->info.time_unit = time.units;
   return absl::OkStatus();
 }
 
@@ -228,7 +228,7 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<NetcdfFile> file, NetcdfFile::Open(path));
   ISOSCOPE_ASSIGN_OR_RETURN(const NetcdfVolumes found, FindNetcdfVolumes(file.get(), request));
   const NetcdfVariable& chosen = ChooseGrid(found.volumes, request.part);
-  WalledFile described{.length_unit = CfLengthUnit(chosen.axes, chosen.roles)};
+  WalledFile described{.info = {.length_unit = CfLengthUnit(chosen.axes, chosen.roles)}};
   if (chosen.roles.time.has_value()) {
     ISOSCOPE_RETURN_IF_ERROR(DescribeNetcdfTimes(chosen, path, &described));
   }
@@ -241,14 +241,13 @@ absl::StatusOr<std::vector<std::string>> DescribeNetcdf(const std::string& path,
     const std::int64_t components =
         volume.roles.component.has_value() ? volume.axes[*volume.roles.component].size : 1;
     if (AreOnOneGrid(chosen, volume) && components >= 1 && components <= kMaxNetcdfComponents) {
-      described.fields.push_back(
-          {.field = {.name = volume.name,
+      described.Add({.name = volume.name,
                      .long_name = file->Text(volume, {"long_name", "standard_name"}),
                      .unit = file->Text(volume, {"units"}),
                      .components = NetcdfComponents(volume, components)},
-           .number = found.numbers[i]});
+                    found.numbers[i]);
     } else if (!AreOnOneGrid(chosen, volume)) {
-      described.elsewhere.push_back(volume.name);
+      described.info.fields_elsewhere.push_back(volume.name);
     }
   }
   return WalledTexts(described);

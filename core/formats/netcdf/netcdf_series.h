@@ -19,7 +19,7 @@ bool IsNetcdf(absl::string_view head);
 
 // Opens the variables that are volumes by the CF conventions (cf_grid.h), and lie on one grid: that
 // of the variable that `part` names or, without a part, that of the most variables, the first of
-// those; FieldsElsewhere has the other ones. Among variables with and without a time axis, those
+// those; fields_elsewhere has the other ones. Among variables with and without a time axis, those
 // with one. The library runs in a child
 // process, one for each open volume. Values as NetcdfPacking. `axes`: letters as CfRolesFrom takes
 // them, in place of what the file says, for all variables of as many axes; "" for none.

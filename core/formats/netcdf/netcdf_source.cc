@@ -52,23 +52,19 @@ class NetcdfSource final : public VolumeSource {
   NetcdfSource(std::unique_ptr<NetcdfFile> file, NetcdfVariable variable, NetcdfPacking packing,
                const volume::GridGeometry& geometry, std::vector<std::size_t> start,
                std::int64_t cache_bytes)
-      : file_(std::move(file)),
+      : VolumeSource({.name = absl::StrCat(file->path(), ":", variable.name),
+                      .geometry = geometry,
+                      .type = TypeOfSamples(variable, packing),
+                      .memory_bytes = cache_bytes + kNetcdfBufferBytes}),
+        file_(std::move(file)),
         variable_(std::move(variable)),
         packing_(std::move(packing)),
-        geometry_(geometry),
-        start_(std::move(start)),
-        memory_bytes_(cache_bytes + kNetcdfBufferBytes),
-        name_(absl::StrCat(file_->path(), ":", variable_.name)),
-        type_(TypeOfSamples()) {}
+        start_(std::move(start)) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return memory_bytes_; }
   [[nodiscard]] bool is_plain() const { return packing_.is_plain(); }
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     // Part of a plane, whole planes, part of a plane.
     while (begin_row < end_row) {
@@ -80,18 +76,19 @@ class NetcdfSource final : public VolumeSource {
         planes = (end_row - begin_row) / dims.y;
       }
       ISOSCOPE_RETURN_IF_ERROR(ReadBox(z, planes, y, rows, out));
-      out += planes * rows * dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
+      out += planes * rows * info().row_bytes();
       begin_row += planes * rows;
     }
     return absl::OkStatus();
   }
 
  private:
-  [[nodiscard]] volume::ScalarType TypeOfSamples() const {
-    if (packing_.is_plain()) {
-      return variable_.stored;
+  static volume::ScalarType TypeOfSamples(const NetcdfVariable& variable,
+                                          const NetcdfPacking& packing) {
+    if (packing.is_plain()) {
+      return variable.stored;
     }
-    switch (variable_.stored) {
+    switch (variable.stored) {
       case volume::ScalarType::kUint32:
       case volume::ScalarType::kInt32:
       case volume::ScalarType::kFloat64:
@@ -110,19 +107,20 @@ class NetcdfSource final : public VolumeSource {
     start[space[1]] = static_cast<std::size_t>(y);
     count[space[0]] = static_cast<std::size_t>(planes);
     count[space[1]] = static_cast<std::size_t>(rows);
-    count[space[2]] = static_cast<std::size_t>(geometry_.sample_dims.x);
+    count[space[2]] = static_cast<std::size_t>(info().geometry.sample_dims.x);
     const std::size_t samples = count[space[0]] * count[space[1]] * count[space[2]];
-    char* const stored = out + samples * (volume::SizeOf(type_) - volume::SizeOf(variable_.stored));
+    char* const stored =
+        out + samples * (volume::SizeOf(info().type) - volume::SizeOf(variable_.stored));
     const int status =
         nc_get_vara(variable_.group, variable_.id, start.data(), count.data(), stored);
     if (status != NC_NOERR) {
       return absl::DataLossError(
           absl::StrFormat("%s: planes %d to %d can't be read: %s: the file is damaged or cut",
-                          name_, z, z + planes - 1, nc_strerror(status)));
+                          info().name, z, z + planes - 1, nc_strerror(status)));
     }
     if (!packing_.is_plain()) {
       VisitNetcdfType(variable_, [&]<typename In>() {
-        if (type_ == volume::ScalarType::kFloat32) {
+        if (info().type == volume::ScalarType::kFloat32) {
           UnpackNetcdf<float, In>(packing_, samples, stored, out);
         } else {
           UnpackNetcdf<double, In>(packing_, samples, stored, out);
@@ -135,11 +133,7 @@ class NetcdfSource final : public VolumeSource {
   const std::unique_ptr<NetcdfFile> file_;
   const NetcdfVariable variable_;
   const NetcdfPacking packing_;
-  const volume::GridGeometry geometry_;
   const std::vector<std::size_t> start_;  // by axis of the variable
-  const std::int64_t memory_bytes_;
-  const std::string name_;
-  const volume::ScalarType type_;
 };
 
 // INVALID_ARGUMENT: a filter of HDF5 that compresses the variable is not installed.

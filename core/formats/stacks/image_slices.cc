@@ -108,7 +108,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path
     return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
   }
   const volume::ScalarType type = first.type;
-  return MakeSliceSource(geometry, type, path,
+  return MakeSliceSource({.name = path, .geometry = geometry, .type = type},
                          std::make_unique<ImageSliceReader>(std::move(files), std::move(first)));
 }
 

@@ -110,25 +110,7 @@ class TiffReader final : public SliceReader {
 class TiffSeries final : public VolumeSeries {
  public:
   TiffSeries(std::shared_ptr<const TiffStack> stack, const std::string& field)
-      : stack_(std::move(stack)), times_(stack_->layout.times) {
-    for (std::string& name : NamesOfChannels(stack_->layout, field)) {
-      fields_.push_back({.name = std::move(name)});
-    }
-    for (std::int64_t i = 0; times_.empty() && stack_->layout.steps > 1 && i < stack_->layout.steps;
-         ++i) {
-      numbers_.push_back(static_cast<double>(i));
-    }
-  }
-
-  [[nodiscard]] const std::string& name() const override { return stack_->name; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override {
-    return times_.empty() ? numbers_ : times_;
-  }
-  [[nodiscard]] const std::string& time_unit() const override { return stack_->layout.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override {
-    return stack_->layout.length_unit;
-  }
+      : VolumeSeries(InfoOf(*stack, field)), stack_(std::move(stack)) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_CHECK(component == 0);
@@ -138,10 +120,9 @@ class TiffSeries final : public VolumeSeries {
     geometry.spacing = stack_->layout.spacing;
     geometry.origin = stack_->layout.origin;
     TurnPages(stack_->format.orientation, &geometry);
-    const std::string name =
-        fields_.size() > 1
-            ? absl::StrCat(stack_->name, ":", fields_[static_cast<std::size_t>(field)].name)
-            : stack_->name;
+    const std::string name = info().fields.size() > 1
+                                 ? absl::StrCat(stack_->name, ":", info().field(field).name)
+                                 : stack_->name;
     const absl::Status valid = volume::Validate(geometry);
     if (!valid.ok()) {
       const StackLayout& layout = stack_->layout;
@@ -155,15 +136,27 @@ class TiffSeries final : public VolumeSeries {
                                     layout.channels, layout.steps, PagesAdvice(stack_->name))
                   : ""));
     }
-    return MakeSliceSource(geometry, stack_->format.type, name,
+    return MakeSliceSource({.name = name, .geometry = geometry, .type = stack_->format.type},
                            std::make_unique<TiffReader>(stack_, field, step));
   }
 
  private:
+  static SeriesInfo InfoOf(const TiffStack& stack, const std::string& field) {
+    const StackLayout& layout = stack.layout;
+    SeriesInfo info{.name = stack.name,
+                    .times = layout.times,
+                    .time_unit = layout.time_unit,
+                    .length_unit = layout.length_unit};
+    for (std::string& name : NamesOfChannels(layout, field)) {
+      info.fields.push_back({.name = std::move(name)});
+    }
+    for (std::int64_t i = 0; layout.times.empty() && layout.steps > 1 && i < layout.steps; ++i) {
+      info.times.push_back(static_cast<double>(i));
+    }
+    return info;
+  }
+
   const std::shared_ptr<const TiffStack> stack_;
-  const std::vector<double> times_;
-  std::vector<double> numbers_;  // in place of times
-  std::vector<SourceField> fields_;
 };
 
 }  // namespace

@@ -25,35 +25,37 @@
 namespace isoscope::source {
 namespace {
 
-LocatedField LegacyFieldOf(const LegacyVtkArray& array, const std::string& path, bool is_binary) {
-  LocatedField located;
-  located.field = {.name = array.name,
-                   .long_name = array.is_of_cells
-                                    ? absl::StrCat(array.name, " (of cells, at their centres)")
-                                    : "",
-                   .unit = array.unit,
-                   .components = ComponentNames(array.components)};
+SourceField LegacyFieldOf(const LegacyVtkArray& array) {
+  SourceField field{.name = array.name,
+                    .long_name = array.is_of_cells
+                                     ? absl::StrCat(array.name, " (of cells, at their centres)")
+                                     : "",
+                    .unit = array.unit,
+                    .components = ComponentNames(array.components)};
   const std::set<std::string> distinct(array.component_names.begin(), array.component_names.end());
   if (array.components > 1 && distinct.size() == static_cast<std::size_t>(array.components) &&
       !distinct.contains("magnitude") && !distinct.contains("")) {
-    located.field.components = array.component_names;
+    field.components = array.component_names;
   }
+  return field;
+}
+
+FieldLocation LocateLegacyArray(const LegacyVtkArray& array, const std::string& path,
+                                bool is_binary) {
   if (is_binary) {
-    located.location = SampleLocation{.files = {path},
-                                      .offset = array.offset,
-                                      .has_more_behind = true,
-                                      .is_big_endian = true,
-                                      .stored_type = array.type,
-                                      .components = array.components};
-    located.wide = array.wide;
-  } else {
-    located.location = TextLocation{.file = path,
-                                    .offset = array.offset,
-                                    .type = array.type,
-                                    .wide = array.wide,
-                                    .components = array.components};
+    return {.location = SampleLocation{.files = {path},
+                                       .offset = array.offset,
+                                       .has_more_behind = true,
+                                       .is_big_endian = true,
+                                       .stored_type = array.type,
+                                       .components = array.components},
+            .wide = array.wide};
   }
-  return located;
+  return {.location = TextLocation{.file = path,
+                                   .offset = array.offset,
+                                   .type = array.type,
+                                   .wide = array.wide,
+                                   .components = array.components}};
 }
 
 absl::StatusOr<LocatedFile> LocateLegacyVtk(const LegacyVtkFile& file, const std::string& path,
@@ -61,13 +63,13 @@ absl::StatusOr<LocatedFile> LocateLegacyVtk(const LegacyVtkFile& file, const std
   const bool has_points =
       std::any_of(file.arrays.begin(), file.arrays.end(),
                   [](const LegacyVtkArray& array) { return !array.is_of_cells; });
-  LocatedFile located;
+  LocatedFile located{.info = {.name = path}};
   ISOSCOPE_ASSIGN_OR_RETURN(CfUnevenGrid grid, file.grid.Locate(!has_points, rules));
   located.geometry = grid.geometry;
   located.distances = std::move(grid.distances);
   located.fill = rules.fill;
   if (file.time.has_value()) {
-    located.times = {*file.time};
+    located.info.times = {*file.time};
   }
   std::set<std::string> names;
   for (const LegacyVtkArray& array : file.arrays) {
@@ -78,9 +80,9 @@ absl::StatusOr<LocatedFile> LocateLegacyVtk(const LegacyVtkFile& file, const std
       return absl::InvalidArgumentError(
           absl::StrFormat("two arrays are called \"%s\"", array.name));
     }
-    located.fields.push_back(LegacyFieldOf(array, path, file.is_binary));
+    located.Add(LegacyFieldOf(array), LocateLegacyArray(array, path, file.is_binary));
   }
-  if (located.fields.empty()) {
+  if (located.locations.empty()) {
     return absl::InvalidArgumentError("no array of numbers in its POINT_DATA or CELL_DATA");
   }
   return located;
@@ -104,7 +106,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenLegacyVtkSeries(const std::str
     return absl::Status(located.status().code(),
                         absl::StrCat(file, ": ", located.status().message()));
   }
-  return MakeLocatedSeries(file, *std::move(located));
+  return MakeLocatedSeries(*std::move(located));
 }
 
 }  // namespace isoscope::source

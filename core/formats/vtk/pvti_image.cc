@@ -175,10 +175,11 @@ class PvtiImage final : public VtkImage {
     volume::ScalarType type{};
     for (std::size_t index = 0; index < pieces_.size(); ++index) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSource> piece, open(index));
-      piece_bytes = std::max(piece_bytes, piece->memory_bytes());
-      type = piece->scalar_type();
+      piece_bytes = std::max(piece_bytes, piece->info().memory_bytes);
+      type = piece->info().type;
     }
-    return MakePiecesSource(geometry_, type, NameOf(array, component), boxes_, piece_bytes, open);
+    return MakePiecesSource({.name = NameOf(array, component), .geometry = geometry_, .type = type},
+                            boxes_, piece_bytes, open);
   }
 
  private:

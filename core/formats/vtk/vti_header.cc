@@ -17,9 +17,7 @@
 //   </VTKFile>
 //
 // A RectilinearGrid has no origin and spacing, but three arrays in a tag Coordinates behind
-// CellData. expat gets the file in portions of 64 KiB. It is stopped at AppendedData, or at an
-// inline array that is certain to be chosen: the text behind it may have gigabytes. Handlers get
-// tags only, and no text. Which array is chosen, and what grid the tags give, is told by
+// CellData. expat gets the file in portions of 64 KiB. It is stopped at AppendedData. Which array is chosen, and what grid the tags give, is told by
 // vti_choice.h and vti_grid.h. Source: VTK's file format description, "XML File Formats",
 // https://docs.vtk.org.
 #include "core/formats/vtk/vti_header.h"
@@ -36,7 +34,6 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/formats/vtk/vti_choice.h"
 #include "expat.h"
 
 namespace isoscope::source {
@@ -51,15 +48,10 @@ constexpr std::int64_t kMaxNamedComponents = 9;  // of a tensor; names of more a
 // Streams the file through expat until the samples are found.
 class HeaderParser {
  public:
-  explicit HeaderParser(std::string part)
-      : parser_(XML_ParserCreate(nullptr)), part_(std::move(part)) {
+  HeaderParser() : parser_(XML_ParserCreate(nullptr)) {
     ISOSCOPE_CHECK(parser_ != nullptr);
     XML_SetUserData(parser_, this);
     XML_SetElementHandler(parser_, &HeaderParser::OnStart, &HeaderParser::OnEnd);
-  }
-  // Parses all arrays, with their units and the time.
-  HeaderParser() : HeaderParser(std::string()) {
-    is_whole_ = true;
     XML_SetCharacterDataHandler(parser_, &HeaderParser::OnText);
   }
   ~HeaderParser() { XML_ParserFree(parser_); }
@@ -159,9 +151,9 @@ class HeaderParser {
             attributes["Scalars"];
       }
     } else if (name == "Coordinates") {
-      data_ = is_whole_ && header_.piece_count == 1 ? Data::kCoordinates : Data::kNone;
+      data_ = header_.piece_count == 1 ? Data::kCoordinates : Data::kNone;
     } else if (name == "FieldData") {
-      data_ = is_whole_ ? Data::kField : Data::kNone;
+      data_ = Data::kField;
     } else if (name == "DataArray") {
       StartAnyArray(std::move(attributes));
     } else if (name == "InformationKey" && array_ != nullptr) {
@@ -212,15 +204,9 @@ class HeaderParser {
       return Fail(absl::StrFormat("more than %d arrays, or one with a name of more than %d bytes",
                                   kMaxArrays, kMaxTextBytes));
     }
-    if (is_whole_) {
-      array.component_names = ComponentNames(array.components, attributes);
-    }
+    array.component_names = ComponentNames(array.components, attributes);
     header_.arrays.push_back(std::move(array));
-    const VtiArray& last = header_.arrays.back();
-    if (!is_whole_ && last.format != "appended" && IsCertain(last)) {
-      Stop();
-    }
-    array_ = is_whole_ ? &header_.arrays.back() : nullptr;
+    array_ = &header_.arrays.back();
   }
 
   void StartField(VtiHeader::Attributes attributes) {
@@ -265,18 +251,6 @@ class HeaderParser {
     return names;
   }
 
-  // Whether no array that follows can be preferred to this one.
-  [[nodiscard]] bool IsCertain(const VtiArray& array) const {
-    if (array.is_of_cells) {
-      return false;  // PointData may follow
-    }
-    if (!part_.empty()) {
-      return array.name == part_;
-    }
-    return IsDefaultVtiArray(array) &&
-           (header_.point_scalars.empty() || header_.point_scalars == array.name);
-  }
-
   [[nodiscard]] std::int64_t EndOfTag() const {
     return static_cast<std::int64_t>(XML_GetCurrentByteIndex(parser_)) +
            XML_GetCurrentByteCount(parser_);
@@ -291,11 +265,9 @@ class HeaderParser {
   }
 
   XML_Parser parser_;
-  const std::string part_;
   VtiHeader header_;
   Data data_ = Data::kNone;
-  bool is_whole_ = false;
-  VtiArray* array_ = nullptr;             // the open one, if is_whole_
+  VtiArray* array_ = nullptr;             // the open one
   std::string* kept_text_ = nullptr;      // where text of the header goes
   std::string* text_of_array_ = nullptr;  // where it goes behind a key
   bool has_data_ = false;                 // of the open array, text in front of or between its keys
@@ -304,10 +276,6 @@ class HeaderParser {
   std::string problem_;
 };
 }  // namespace
-
-absl::StatusOr<VtiHeader> ReadVtiHeader(const io::RandomAccessFile& file, const std::string& part) {
-  return HeaderParser(part).Parse(file);
-}
 
 absl::StatusOr<VtiHeader> ReadWholeVtiHeader(const io::RandomAccessFile& file) {
   return HeaderParser().Parse(file);

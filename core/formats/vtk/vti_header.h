@@ -21,10 +21,9 @@ struct VtiArray {
   std::string type;  // VTK's name: "Int16"
   std::int64_t components = 1;
   bool is_of_cells = false;
-  std::string format{};            // "appended", "binary" or "ascii"
-  std::string offset{};            // in the appended data
-  std::int64_t inline_start = -1;  // in the file, behind the tag
-  // Known after ReadWholeVtiHeader:
+  std::string format{};                        // "appended", "binary" or "ascii"
+  std::string offset{};                        // in the appended data
+  std::int64_t inline_start = -1;              // in the file, behind the tag
   std::vector<std::string> component_names{};  // one each, or none
   std::string unit{};                          // UNITS_LABEL
   std::string text{};                          // of TimeValue, if its format is "ascii"
@@ -41,22 +40,18 @@ struct VtiHeader {
   Attributes image;             // of the tag ImageData or RectilinearGrid
   int piece_count = 0;
   std::string piece_extent;      // of the first piece
-  std::vector<VtiArray> arrays;  // of the first piece; none behind the one that `part` chooses
-  // Of x, y and z, of the first piece of a RectilinearGrid; known after ReadWholeVtiHeader.
+  std::vector<VtiArray> arrays;  // of the first piece
+  // Of x, y and z, of the first piece of a RectilinearGrid.
   std::vector<VtiArray> coordinates{};
   std::string point_scalars;             // the array that PointData calls its scalars
   std::string cell_scalars;              // the same for CellData
   std::string appended_encoding;         // "raw" or "base64"
   std::int64_t appended_start = -1;      // in the file, behind the tag AppendedData
-  std::optional<VtiArray> time_value{};  // of FieldData; known after ReadWholeVtiHeader
+  std::optional<VtiArray> time_value{};  // of FieldData
 };
 
-// Reads the XML up to the samples; with inline arrays, up to the array that `part` chooses.
+// Reads the XML past all arrays, if they stand within it as text to the end of the file.
 // INVALID_ARGUMENT: no XML, or cut; a tag of more than a MiB; more than 4096 arrays.
-absl::StatusOr<VtiHeader> ReadVtiHeader(const io::RandomAccessFile& file, const std::string& part);
-
-// Reads the XML past all arrays, if they stand within it as text to the end of the file. Errors as
-// ReadVtiHeader.
 absl::StatusOr<VtiHeader> ReadWholeVtiHeader(const io::RandomAccessFile& file);
 
 }  // namespace isoscope::source

@@ -38,27 +38,17 @@ constexpr std::int64_t kTupleBytes = 64 * base::kKiB;
 
 class VtiSource final : public VolumeSource {
  public:
-  VtiSource(const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
-            const VtiChoice& choice, bool is_big_endian, std::unique_ptr<io::RandomAccessFile> file,
-            std::unique_ptr<VtiData> data)
-      : geometry_(geometry),
-        type_(type),
-        name_(std::move(name)),
+  VtiSource(SourceInfo info, const VtiChoice& choice, bool is_big_endian,
+            std::unique_ptr<io::RandomAccessFile> file, std::unique_ptr<VtiData> data)
+      : VolumeSource(std::move(info)),
         components_(choice.array.components),
         component_(choice.component),
         is_big_endian_(is_big_endian),
         file_(std::move(file)),
         data_(std::move(data)) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return data_->memory_bytes() + (components_ > 1 ? std::max(kTupleBytes, tuple_bytes()) : 0);
-  }
-
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     const std::int64_t begin = begin_row * dims.x;
     const std::int64_t count = (end_row - begin_row) * dims.x;
@@ -69,21 +59,21 @@ class VtiSource final : public VolumeSource {
       ISOSCOPE_RETURN_IF_ERROR(ReadComponent(begin, count, out));
     }
     if (is_big_endian_) {
-      SwapBytes(volume::SizeOf(type_), static_cast<std::size_t>(count), out);
+      SwapBytes(volume::SizeOf(info().type), static_cast<std::size_t>(count), out);
     }
     return absl::OkStatus();
   }
 
  private:
   [[nodiscard]] std::int64_t sample_bytes() const {
-    return static_cast<std::int64_t>(volume::SizeOf(type_));
+    return static_cast<std::int64_t>(volume::SizeOf(info().type));
   }
   [[nodiscard]] std::int64_t tuple_bytes() const { return components_ * sample_bytes(); }
 
   // The component of `count` tuples from `begin` on.
   absl::Status ReadComponent(std::int64_t begin, std::int64_t count, char* out) {
     const std::int64_t tuples_at_once = std::max<std::int64_t>(kTupleBytes / tuple_bytes(), 1);
-    const auto size = volume::SizeOf(type_);
+    const auto size = volume::SizeOf(info().type);
     while (count > 0) {
       const std::int64_t tuples = std::min(count, tuples_at_once);
       tuples_.resize(static_cast<std::size_t>(tuples * tuple_bytes()));
@@ -100,9 +90,6 @@ class VtiSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
-  const volume::GridGeometry geometry_;
-  const volume::ScalarType type_;
-  const std::string name_;
   const std::int64_t components_;  // of a tuple
   const std::int64_t component_;   // the one that is read
   const bool is_big_endian_;
@@ -146,8 +133,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> Open(std::unique_ptr<io::RandomAcc
       sample_count * choice.array.components * static_cast<std::int64_t>(volume::SizeOf(type));
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VtiData> data,
                             OpenVtiData(*file, header, choice.array, size));
+  const std::int64_t tuple_bytes =
+      choice.array.components * static_cast<std::int64_t>(volume::SizeOf(type));
+  const std::int64_t memory_bytes =
+      data->memory_bytes() + (choice.array.components > 1 ? std::max(kTupleBytes, tuple_bytes) : 0);
   std::unique_ptr<VolumeSource> source = std::make_unique<VtiSource>(
-      geometry, type, name, choice, header.is_big_endian, std::move(file), std::move(data));
+      SourceInfo{.name = name, .geometry = geometry, .type = type, .memory_bytes = memory_bytes},
+      choice, header.is_big_endian, std::move(file), std::move(data));
   if (wide.has_value()) {
     return MakeWideSource(std::move(source), *wide);
   }

@@ -36,33 +36,25 @@ constexpr std::size_t kMaxPvdSteps = 100'000;
 
 // The base of both kinds of series.
 class VtkSeries : public VolumeSeries {
- public:
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return time_unit_; }
-  [[nodiscard]] const std::string& length_unit() const override { return length_unit_; }
-
  protected:
-  VtkSeries(std::string name, const VtkImage& first, std::vector<double> times)
-      : name_(std::move(name)),
-        times_(std::move(times)),
-        time_unit_(first.time_unit()),
-        length_unit_(first.length_unit()) {
-    for (const VtiArray& array : first.arrays()) {
-      fields_.push_back(FieldOfVtiArray(array));
-    }
-    if (first.component().has_value()) {
-      fields_.front().components = {""};
-    }
-  }
+  VtkSeries(const std::string& name, const VtkImage& first, std::vector<double> times)
+      : VolumeSeries(InfoOf(name, first, std::move(times))) {}
 
  private:
-  const std::string name_;
-  const std::vector<double> times_;
-  const std::string time_unit_;
-  const std::string length_unit_;
-  std::vector<SourceField> fields_;
+  static SeriesInfo InfoOf(const std::string& name, const VtkImage& first,
+                           std::vector<double> times) {
+    SeriesInfo info{.name = name,
+                    .times = std::move(times),
+                    .time_unit = first.time_unit(),
+                    .length_unit = first.length_unit()};
+    for (const VtiArray& array : first.arrays()) {
+      info.fields.push_back(FieldOfVtiArray(array));
+    }
+    if (first.component().has_value()) {
+      info.fields.front().components = {""};
+    }
+    return info;
+  }
 };
 
 class ImageSeries final : public VtkSeries {

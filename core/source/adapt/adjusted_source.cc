@@ -73,53 +73,42 @@ void TakeSamples(const char* in, std::int64_t count, std::int64_t stride,
   }
 }
 
+// Rows of the volume that are read at once.
+std::int64_t RunRows(const SourceInfo& volume) {
+  return std::clamp<std::int64_t>(kAdjustedRunBytes / volume.row_bytes(), 1,
+                                  volume.geometry.sample_dims.y);
+}
+
 class AdjustedSource final : public VolumeSource {
  public:
-  AdjustedSource(std::unique_ptr<VolumeSource> source, const volume::GridGeometry& geometry,
-                 const SampleBox& box, std::int64_t stride, std::optional<double> fill,
-                 std::string note)
-      : source_(std::move(source)),
-        geometry_(geometry),
+  AdjustedSource(SourceInfo info, std::unique_ptr<VolumeSource> source, const SampleBox& box,
+                 std::int64_t stride, std::optional<double> fill)
+      : VolumeSource(std::move(info)),
+        source_(std::move(source)),
         box_(box),
         stride_(stride),
-        fill_(fill),
-        note_(std::move(note)),
-        type_(FilledType(source_->scalar_type(), fill.has_value())) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return source_->patient_frame();
-  }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] std::string note() const override { return note_; }
-  [[nodiscard]] bool is_resampled() const override { return source_->is_resampled(); }
-  [[nodiscard]] bool is_seekable() const override { return source_->is_seekable(); }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return source_->memory_bytes() + run_rows() * row_bytes();
-  }
+        fill_(fill) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const std::int64_t plane_rows = geometry_.sample_dims.y;
-    const std::int64_t source_rows = source_->geometry().sample_dims.y;
-    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row &&
-                   end_row <= plane_rows * geometry_.sample_dims.z);
-    const std::int64_t out_bytes =
-        geometry_.sample_dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
+    const math::Index3& dims = info().geometry.sample_dims;
+    const std::int64_t plane_rows = dims.y;
+    const std::int64_t source_rows = source_->info().geometry.sample_dims.y;
+    const std::int64_t row_bytes = source_->info().row_bytes();
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= plane_rows * dims.z);
     while (begin_row < end_row) {
       const std::int64_t z = begin_row / plane_rows;
       const std::int64_t y = begin_row % plane_rows;
       // As many rows of this plane as a run holds, with those between them.
-      const std::int64_t rows =
-          std::min({end_row - begin_row, plane_rows - y, (run_rows() - 1) / stride_ + 1});
+      const std::int64_t rows = std::min(
+          {end_row - begin_row, plane_rows - y, (RunRows(source_->info()) - 1) / stride_ + 1});
       const std::int64_t first =
           (box_.begin.z + z * stride_) * source_rows + box_.begin.y + y * stride_;
       const std::int64_t count = (rows - 1) * stride_ + 1;
-      run_.resize(static_cast<std::size_t>(count * row_bytes()));
+      run_.resize(static_cast<std::size_t>(count * row_bytes));
       ISOSCOPE_RETURN_IF_ERROR(source_->ReadRows(first, first + count, run_.data()));
       for (std::int64_t row = 0; row < rows; ++row) {
-        TakeRow(run_.data() + row * stride_ * row_bytes(), out);
-        out += out_bytes;
+        TakeRow(run_.data() + row * stride_ * row_bytes, out);
+        out += info().row_bytes();
       }
       begin_row += rows;
     }
@@ -127,23 +116,13 @@ class AdjustedSource final : public VolumeSource {
   }
 
  private:
-  // In samples of the volume.
-  [[nodiscard]] std::int64_t row_bytes() const {
-    return source_->geometry().sample_dims.x *
-           static_cast<std::int64_t>(volume::SizeOf(source_->scalar_type()));
-  }
-  [[nodiscard]] std::int64_t run_rows() const {
-    return std::clamp<std::int64_t>(kAdjustedRunBytes / row_bytes(), 1,
-                                    source_->geometry().sample_dims.y);
-  }
-
   void TakeRow(const char* row, char* out) const {
-    volume::VisitScalarType(source_->scalar_type(), [&]<typename In>() {
+    volume::VisitScalarType(source_->info().type, [&]<typename In>() {
       const char* first = row + box_.begin.x * static_cast<std::int64_t>(sizeof(In));
-      const std::int64_t count = geometry_.sample_dims.x;
-      if (type_ == source_->scalar_type()) {
+      const std::int64_t count = info().geometry.sample_dims.x;
+      if (info().type == source_->info().type) {
         TakeSamples<In, In>(first, count, stride_, fill_, out);
-      } else if (type_ == volume::ScalarType::kFloat32) {
+      } else if (info().type == volume::ScalarType::kFloat32) {
         TakeSamples<In, float>(first, count, stride_, fill_, out);
       } else {
         TakeSamples<In, double>(first, count, stride_, fill_, out);
@@ -152,30 +131,19 @@ class AdjustedSource final : public VolumeSource {
   }
 
   const std::unique_ptr<VolumeSource> source_;
-  const volume::GridGeometry geometry_;
   const SampleBox box_;
   const std::int64_t stride_;
   const std::optional<double> fill_;
-  const std::string note_;
-  const volume::ScalarType type_;
   std::vector<char> run_;
 };
 
 class AdjustedSeries final : public VolumeSeries {
  public:
   AdjustedSeries(std::unique_ptr<VolumeSeries> series, Adjustment adjustment)
-      : series_(std::move(series)), adjustment_(std::move(adjustment)) {}
+      : VolumeSeries(series->info()),
+        series_(std::move(series)),
+        adjustment_(std::move(adjustment)) {}
 
-  [[nodiscard]] const std::string& name() const override { return series_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override {
-    return series_->fields();
-  }
-  [[nodiscard]] const std::vector<double>& times() const override { return series_->times(); }
-  [[nodiscard]] const std::string& time_unit() const override { return series_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return series_->length_unit(); }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
-    return series_->FieldsElsewhere();
-  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
                               series_->Open(field, component, step));
@@ -223,13 +191,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
   if (adjustment.is_none()) {
     return source;
   }
-  volume::GridGeometry whole = source->geometry();
-  std::string note = source->note();
+  SourceInfo info = source->info();
+  volume::GridGeometry whole = info.geometry;
   const std::optional<Shear> shear =
       adjustment.ignores_shear ? FindShear(whole.direction) : std::nullopt;
   if (shear.has_value()) {
     const volume::GridGeometry straight = StraightGrid(whole);
-    absl::StrAppend(&note, note.empty() ? "" : "; ",
+    absl::StrAppend(&info.note, info.note.empty() ? "" : "; ",
                     DescribeStraightening(*shear, whole, straight));
     whole = straight;
   } else if (!adjustment.crop.has_value() && adjustment.stride == 1 && !adjustment.fill) {
@@ -239,7 +207,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
   if (adjustment.crop.has_value()) {
     box = *adjustment.crop;
   }
-  volume::GridGeometry geometry = whole;
+  volume::GridGeometry& geometry = info.geometry;
+  geometry = whole;
   for (int axis = 0; axis < 3; ++axis) {
     const std::int64_t size = whole.sample_dims[axis];
     if (box.end[axis] == std::numeric_limits<std::int64_t>::max()) {
@@ -248,7 +217,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
     if (box.begin[axis] >= box.end[axis] || box.end[axis] > size) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: --crop %d:%d on axis %c, which has %d samples, 0 to %d; expected a part of them",
-          source->name(), box.begin[axis], box.end[axis], "xyz"[axis], size, size - 1));
+          info.name, box.begin[axis], box.end[axis], "xyz"[axis], size, size - 1));
     }
     geometry.sample_dims[axis] = (box.end[axis] - box.begin[axis] - 1) / adjustment.stride + 1;
     geometry.spacing[axis] = whole.spacing[axis] * static_cast<double>(adjustment.stride);
@@ -258,13 +227,14 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
                                  static_cast<double>(box.begin.z)});
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
-    return absl::Status(
-        valid.code(),
-        absl::StrCat(source->name(), ": after --crop and --stride: ", valid.message()));
+    return absl::Status(valid.code(),
+                        absl::StrCat(info.name, ": after --crop and --stride: ", valid.message()));
   }
-  const std::optional<double> fill = source->is_resampled() ? std::nullopt : adjustment.fill;
-  return std::make_unique<AdjustedSource>(std::move(source), geometry, box, adjustment.stride, fill,
-                                          std::move(note));
+  const std::optional<double> fill = info.is_resampled ? std::nullopt : adjustment.fill;
+  info.type = FilledType(info.type, fill.has_value());
+  info.memory_bytes += RunRows(source->info()) * source->info().row_bytes();
+  return std::make_unique<AdjustedSource>(std::move(info), std::move(source), box,
+                                          adjustment.stride, fill);
 }
 
 std::unique_ptr<VolumeSeries> AdjustSeries(std::unique_ptr<VolumeSeries> series,

@@ -44,66 +44,54 @@ bool FitsFloat32(volume::ScalarType type) {
 class MagnitudeSource final : public VolumeSource {
  public:
   explicit MagnitudeSource(std::vector<std::unique_ptr<VolumeSource>> components)
-      : components_(std::move(components)) {
-    std::vector<volume::ScalarType> types;
-    for (const auto& component : components_) {
-      ISOSCOPE_CHECK(component->geometry() == geometry());
-      types.push_back(component->scalar_type());
-    }
-    type_ = MagnitudeType(types);
-  }
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override {
-    return components_.front()->geometry();
-  }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return components_.front()->patient_frame();
-  }
-  [[nodiscard]] const std::string& name() const override { return components_.front()->name(); }
-  [[nodiscard]] bool is_seekable() const override {
-    return std::all_of(components_.begin(), components_.end(),
-                       [](const auto& component) { return component->is_seekable(); });
-  }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    const math::Index3& dims = geometry().sample_dims;
-    constexpr auto kBytesPerSample = static_cast<std::int64_t>(2 * sizeof(double));
-    std::int64_t bytes = rows_at_once() * dims.x * kBytesPerSample;
-    for (const auto& component : components_) {
-      bytes += component->memory_bytes();
-    }
-    return bytes;
-  }
+      : VolumeSource(InfoOf(components)), components_(std::move(components)) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry().sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     while (begin_row < end_row) {
-      const std::int64_t rows = std::min(rows_at_once(), end_row - begin_row);
+      const std::int64_t rows = std::min(RowsAtOnce(dims), end_row - begin_row);
       ISOSCOPE_RETURN_IF_ERROR(ReadPortion(begin_row, begin_row + rows, out));
-      out += rows * dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
+      out += rows * info().row_bytes();
       begin_row += rows;
     }
     return absl::OkStatus();
   }
 
  private:
-  [[nodiscard]] std::int64_t rows_at_once() const {
-    const math::Index3& dims = geometry().sample_dims;
+  static SourceInfo InfoOf(const std::vector<std::unique_ptr<VolumeSource>>& components) {
+    SourceInfo info = components.front()->info();
+    std::vector<volume::ScalarType> types;
+    info.is_seekable = true;
+    info.memory_bytes = 0;
+    for (const auto& component : components) {
+      ISOSCOPE_CHECK(component->info().geometry == info.geometry);
+      types.push_back(component->info().type);
+      info.is_seekable = info.is_seekable && component->info().is_seekable;
+      info.memory_bytes += component->info().memory_bytes;
+    }
+    info.type = MagnitudeType(types);
+    const math::Index3& dims = info.geometry.sample_dims;
+    constexpr auto kBytesPerSample = static_cast<std::int64_t>(2 * sizeof(double));
+    info.memory_bytes += RowsAtOnce(dims) * dims.x * kBytesPerSample;
+    return info;
+  }
+  static std::int64_t RowsAtOnce(const math::Index3& dims) {
     return std::clamp<std::int64_t>(kPortionSamples / dims.x, 1, dims.y * dims.z);
   }
 
   absl::Status ReadPortion(std::int64_t begin_row, std::int64_t end_row, char* out) {
-    const auto count = static_cast<std::size_t>((end_row - begin_row) * geometry().sample_dims.x);
+    const auto count =
+        static_cast<std::size_t>((end_row - begin_row) * info().geometry.sample_dims.x);
     sums_.assign(count, 0);
     for (const auto& component : components_) {
-      samples_.resize(count * volume::SizeOf(component->scalar_type()));
+      samples_.resize(count * volume::SizeOf(component->info().type));
       ISOSCOPE_RETURN_IF_ERROR(component->ReadRows(begin_row, end_row, samples_.data()));
-      volume::VisitScalarType(component->scalar_type(), [&]<typename T>() {
+      volume::VisitScalarType(component->info().type, [&]<typename T>() {
         AddSquares<T>(count, samples_.data(), sums_.data());
       });
     }
-    if (type_ == volume::ScalarType::kFloat32) {
+    if (info().type == volume::ScalarType::kFloat32) {
       StoreRoots<float>(count, sums_.data(), out);
     } else {
       StoreRoots<double>(count, sums_.data(), out);
@@ -112,7 +100,6 @@ class MagnitudeSource final : public VolumeSource {
   }
 
   const std::vector<std::unique_ptr<VolumeSource>> components_;
-  volume::ScalarType type_ = volume::ScalarType::kFloat64;
   std::vector<double> sums_;   // of squares, of a portion
   std::vector<char> samples_;  // of one component, of a portion
 };

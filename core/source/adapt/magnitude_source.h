@@ -17,8 +17,8 @@ volume::ScalarType MagnitudeType(const std::vector<volume::ScalarType>& componen
 
 // A source of sqrt(c0^2 + c1^2 + ...): squares, their sum in the order of the components and its
 // root in double, rounded once to MagnitudeType. NaN, always the same bits, if a component is NaN;
-// infinite where the sum is more than a double holds. Has the geometry, the patient frame and the
-// name of the first component; is seekable if all are. Holds beside the components 256 Ki samples,
+// infinite where the sum is more than a double holds. The info is that of
+// the first component beside the type; it is seekable if all are. Holds beside the components 256 Ki samples,
 // or one row. Errors of ReadRows are those of the components.
 // REQUIRES: at least one component; all of one grid.
 std::unique_ptr<VolumeSource> MakeMagnitudeSource(

@@ -44,27 +44,14 @@ void Subtract(IndexBox box, const SamplePiece& piece, std::vector<IndexBox>* lef
 
 class PiecesSource final : public VolumeSource {
  public:
-  PiecesSource(const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
-               std::vector<SamplePiece> pieces, std::int64_t piece_bytes, OpenPiece open)
-      : geometry_(geometry),
-        type_(type),
-        name_(std::move(name)),
+  PiecesSource(SourceInfo info, std::vector<SamplePiece> pieces, std::int64_t piece_bytes,
+               OpenPiece open)
+      : VolumeSource(WithMemory(std::move(info), pieces.size(), piece_bytes)),
         pieces_(std::move(pieces)),
-        piece_bytes_(piece_bytes),
         open_(std::move(open)) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    const auto open = static_cast<std::int64_t>(std::min(kOpenPieces, pieces_.size()));
-    return open * piece_bytes_ +
-           std::max(kPieceRowBytes, geometry_.sample_dims.x * sample_bytes()) +
-           static_cast<std::int64_t>(pieces_.size() * sizeof(SamplePiece));
-  }
-
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     while (begin_row < end_row) {
       const std::int64_t z = begin_row / dims.y;
@@ -74,7 +61,7 @@ class PiecesSource final : public VolumeSource {
       for (std::size_t piece = pieces_.size(); piece-- > 0;) {
         ISOSCOPE_RETURN_IF_ERROR(ReadPiece(piece, z, y, end_y, out));
       }
-      out += (end_y - y) * dims.x * sample_bytes();
+      out += (end_y - y) * info().row_bytes();
       begin_row += end_y - y;
     }
     return absl::OkStatus();
@@ -86,8 +73,14 @@ class PiecesSource final : public VolumeSource {
     std::unique_ptr<VolumeSource> source;
   };
 
+  static SourceInfo WithMemory(SourceInfo info, std::size_t pieces, std::int64_t piece_bytes) {
+    info.memory_bytes = static_cast<std::int64_t>(std::min(kOpenPieces, pieces)) * piece_bytes +
+                        std::max(kPieceRowBytes, info.row_bytes()) +
+                        static_cast<std::int64_t>(pieces * sizeof(SamplePiece));
+    return info;
+  }
   [[nodiscard]] std::int64_t sample_bytes() const {
-    return static_cast<std::int64_t>(volume::SizeOf(type_));
+    return static_cast<std::int64_t>(volume::SizeOf(info().type));
   }
 
   // Reads a piece's part of rows [begin_y, end_y) of plane z, which `out` holds.
@@ -100,7 +93,7 @@ class PiecesSource final : public VolumeSource {
       return absl::OkStatus();
     }
     ISOSCOPE_ASSIGN_OR_RETURN(VolumeSource * source, Source(index));
-    const math::Index3& dims = source->geometry().sample_dims;
+    const math::Index3& dims = source->info().geometry.sample_dims;
     const std::int64_t row_bytes = dims.x * sample_bytes();
     const std::int64_t rows_at_once = std::max<std::int64_t>(kPieceRowBytes / row_bytes, 1);
     const auto size = static_cast<std::size_t>((piece.end.x - piece.begin.x) * sample_bytes());
@@ -111,9 +104,8 @@ class PiecesSource final : public VolumeSource {
       ISOSCOPE_RETURN_IF_ERROR(source->ReadRows(first_row, first_row + rows, rows_.data()));
       const char* from = rows_.data() + (piece.begin.x - piece.first.x) * sample_bytes();
       for (std::int64_t i = 0; i < rows; ++i, ++y, from += row_bytes) {
-        std::copy_n(
-            from, size,
-            out + ((y - begin_y) * geometry_.sample_dims.x + piece.begin.x) * sample_bytes());
+        std::copy_n(from, size,
+                    out + (y - begin_y) * info().row_bytes() + piece.begin.x * sample_bytes());
       }
     }
     return absl::OkStatus();
@@ -134,11 +126,7 @@ class PiecesSource final : public VolumeSource {
     return opened_.front().source.get();
   }
 
-  const volume::GridGeometry geometry_;
-  const volume::ScalarType type_;
-  const std::string name_;
   const std::vector<SamplePiece> pieces_;
-  const std::int64_t piece_bytes_;
   const OpenPiece open_;
   std::list<Opened> opened_;  // the last used first
   std::vector<char> rows_;    // of one piece
@@ -165,12 +153,10 @@ absl::StatusOr<std::optional<math::Index3>> FindGap(const math::Index3& dims,
   return left.empty() ? std::nullopt : std::optional<math::Index3>(left.front().begin);
 }
 
-std::unique_ptr<VolumeSource> MakePiecesSource(const volume::GridGeometry& geometry,
-                                               volume::ScalarType type, std::string name,
-                                               std::vector<SamplePiece> pieces,
+std::unique_ptr<VolumeSource> MakePiecesSource(SourceInfo info, std::vector<SamplePiece> pieces,
                                                std::int64_t piece_bytes, OpenPiece open) {
-  return std::make_unique<PiecesSource>(geometry, type, std::move(name), std::move(pieces),
-                                        piece_bytes, std::move(open));
+  return std::make_unique<PiecesSource>(std::move(info), std::move(pieces), piece_bytes,
+                                        std::move(open));
 }
 
 }  // namespace isoscope::source

@@ -8,7 +8,6 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -34,11 +33,10 @@ absl::StatusOr<std::optional<math::Index3>> FindGap(const math::Index3& dims,
 using OpenPiece = std::function<absl::StatusOr<std::unique_ptr<VolumeSource>>(std::size_t piece)>;
 
 // Where pieces overlap, the first one that has a sample counts. Keeps the 16 pieces open that were
-// used last, and 256 KiB of rows or one row; `piece_bytes` is the most that one source holds.
+// used last, and 256 KiB of rows or one row; `piece_bytes` is the most that one source holds. `info` says
+// all of the whole but its memory.
 // Errors of ReadRows are those of the pieces. REQUIRES: no gap; the pieces lie within the whole.
-std::unique_ptr<VolumeSource> MakePiecesSource(const volume::GridGeometry& geometry,
-                                               volume::ScalarType type, std::string name,
-                                               std::vector<SamplePiece> pieces,
+std::unique_ptr<VolumeSource> MakePiecesSource(SourceInfo info, std::vector<SamplePiece> pieces,
                                                std::int64_t piece_bytes, OpenPiece open);
 
 }  // namespace isoscope::source

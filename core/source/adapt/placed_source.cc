@@ -19,45 +19,21 @@ namespace {
 
 class PlacedSource final : public VolumeSource {
  public:
-  PlacedSource(std::unique_ptr<VolumeSource> source, const volume::GridGeometry& geometry,
-               std::string note)
-      : source_(std::move(source)), geometry_(geometry), note_(std::move(note)) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return source_->scalar_type(); }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return source_->patient_frame();
-  }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] std::string note() const override { return note_; }
-  [[nodiscard]] bool is_resampled() const override { return source_->is_resampled(); }
-  [[nodiscard]] bool is_seekable() const override { return source_->is_seekable(); }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return source_->memory_bytes(); }
+  PlacedSource(SourceInfo info, std::unique_ptr<VolumeSource> source)
+      : VolumeSource(std::move(info)), source_(std::move(source)) {}
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     return source_->ReadRows(begin_row, end_row, out);
   }
 
  private:
   const std::unique_ptr<VolumeSource> source_;
-  const volume::GridGeometry geometry_;
-  const std::string note_;
 };
 
 class PlacedSeries final : public VolumeSeries {
  public:
   PlacedSeries(std::unique_ptr<VolumeSeries> series, const GridOverride& grid)
-      : series_(std::move(series)), grid_(grid) {}
+      : VolumeSeries(series->info()), series_(std::move(series)), grid_(grid) {}
 
-  [[nodiscard]] const std::string& name() const override { return series_->name(); }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override {
-    return series_->fields();
-  }
-  [[nodiscard]] const std::vector<double>& times() const override { return series_->times(); }
-  [[nodiscard]] const std::string& time_unit() const override { return series_->time_unit(); }
-  [[nodiscard]] const std::string& length_unit() const override { return series_->length_unit(); }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
-    return series_->FieldsElsewhere();
-  }
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
                               series_->Open(field, component, step));
@@ -140,8 +116,9 @@ absl::StatusOr<volume::GridGeometry> PlacedGrid(const volume::GridGeometry& geom
 
 std::unique_ptr<VolumeSource> MoveSource(std::unique_ptr<VolumeSource> source,
                                          const volume::GridGeometry& geometry) {
-  std::string note = source->note();
-  return std::make_unique<PlacedSource>(std::move(source), geometry, std::move(note));
+  SourceInfo info = source->info();
+  info.geometry = geometry;
+  return std::make_unique<PlacedSource>(std::move(info), std::move(source));
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> PlaceSource(std::unique_ptr<VolumeSource> source,
@@ -149,14 +126,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> PlaceSource(std::unique_ptr<Volume
   if (grid.is_none()) {
     return source;
   }
-  if (grid.spacing.has_value() && source->is_resampled()) {
+  SourceInfo info = source->info();
+  if (grid.spacing.has_value() && info.is_resampled) {
     return absl::InvalidArgumentError(
-        absl::StrCat(source->name(), ": --spacing: ", source->note(),
+        absl::StrCat(info.name, ": --spacing: ", info.note,
                      ": the distances are those of the file; leave --spacing out, or --resample"));
   }
-  const volume::GridGeometry& of_file = source->geometry();
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry placed,
-                            PlacedGrid(of_file, grid, source->name()));
+  const volume::GridGeometry& of_file = source->info().geometry;
+  ISOSCOPE_ASSIGN_OR_RETURN(info.geometry, PlacedGrid(of_file, grid, info.name));
+  const volume::GridGeometry& placed = info.geometry;
   std::string note;
   if (grid.spacing.has_value() && placed.spacing != of_file.spacing) {
     AddChange("spacing", placed.spacing, of_file.spacing, &note);
@@ -167,10 +145,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> PlaceSource(std::unique_ptr<Volume
   if (grid.direction.has_value() && !(placed.direction == of_file.direction)) {
     AddChange("direction", placed.direction, of_file.direction, &note);
   }
-  if (const std::string before = source->note(); !before.empty()) {
-    note = note.empty() ? before : absl::StrCat(before, "; ", note);
-  }
-  return std::make_unique<PlacedSource>(std::move(source), placed, std::move(note));
+  absl::StrAppend(&info.note, info.note.empty() || note.empty() ? "" : "; ", note);
+  return std::make_unique<PlacedSource>(std::move(info), std::move(source));
 }
 
 std::unique_ptr<VolumeSeries> PlaceSeries(std::unique_ptr<VolumeSeries> series,

@@ -82,37 +82,23 @@ double Mixed(double lower, double upper, double share) {
   return lower == upper ? lower : (1 - share) * lower + share * upper;
 }
 
+std::int64_t PlaneBytes(const SourceInfo& info) {
+  return info.row_bytes() * info.geometry.sample_dims.y;
+}
+
 class ResampledSource final : public VolumeSource {
  public:
-  ResampledSource(std::unique_ptr<VolumeSource> source, const volume::GridGeometry& geometry,
-                  std::array<std::vector<Between>, 3> places, std::optional<double> fill,
-                  std::string note)
-      : source_(std::move(source)),
-        geometry_(geometry),
+  ResampledSource(SourceInfo info, std::unique_ptr<VolumeSource> source,
+                  std::array<std::vector<Between>, 3> places, std::optional<double> fill)
+      : VolumeSource(std::move(info)),
+        source_(std::move(source)),
         places_(std::move(places)),
-        fill_(fill),
-        note_(std::move(note)),
-        type_(ResampledType(source_->scalar_type())) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return source_->patient_frame();
-  }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] std::string note() const override { return note_; }
-  [[nodiscard]] bool is_resampled() const override { return true; }
-  [[nodiscard]] bool is_seekable() const override { return source_->is_seekable(); }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return source_->memory_bytes() + 2 * plane_bytes();
-  }
+        fill_(fill) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const std::int64_t plane_rows = geometry_.sample_dims.y;
+    const std::int64_t plane_rows = info().geometry.sample_dims.y;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row &&
-                   end_row <= plane_rows * geometry_.sample_dims.z);
-    const std::int64_t out_bytes =
-        geometry_.sample_dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
+                   end_row <= plane_rows * info().geometry.sample_dims.z);
     for (std::int64_t row = begin_row; row < end_row; ++row) {
       const Between& z = places_[2][static_cast<std::size_t>(row / plane_rows)];
       const Between& y = places_[1][static_cast<std::size_t>(row % plane_rows)];
@@ -126,7 +112,7 @@ class ResampledSource final : public VolumeSource {
         }
       }
       StoreRow(out);
-      out += out_bytes;
+      out += info().row_bytes();
     }
     return absl::OkStatus();
   }
@@ -137,10 +123,6 @@ class ResampledSource final : public VolumeSource {
     std::vector<char> bytes{};
   };
 
-  [[nodiscard]] std::int64_t plane_bytes() const {
-    const math::Index3& dims = source_->geometry().sample_dims;
-    return dims.x * dims.y * static_cast<std::int64_t>(volume::SizeOf(source_->scalar_type()));
-  }
   // Two planes that follow each other never share a place.
   Plane& PlaceOf(std::int64_t z) { return planes_[static_cast<std::size_t>(z % 2)]; }
 
@@ -150,7 +132,7 @@ class ResampledSource final : public VolumeSource {
       return absl::OkStatus();
     }
     plane.z = -1;
-    plane.bytes.resize(static_cast<std::size_t>(plane_bytes()));
+    plane.bytes.resize(static_cast<std::size_t>(PlaneBytes(source_->info())));
     ISOSCOPE_RETURN_IF_ERROR(source_->ReadSlab(z, z + 1, plane.bytes.data()));
     plane.z = z;
     return absl::OkStatus();
@@ -169,9 +151,8 @@ class ResampledSource final : public VolumeSource {
   // A row of the source, at the even places of x.
   void MixLine(std::int64_t z, std::int64_t y, std::vector<double>* row) {
     row->resize(places_[0].size());
-    volume::VisitScalarType(source_->scalar_type(), [&]<typename In>() {
-      const char* const line = PlaceOf(z).bytes.data() + y * source_->geometry().sample_dims.x *
-                                                             static_cast<std::int64_t>(sizeof(In));
+    volume::VisitScalarType(source_->info().type, [&]<typename In>() {
+      const char* const line = PlaceOf(z).bytes.data() + y * source_->info().row_bytes();
       const auto value = [&](std::int64_t x) {
         return Filled(base::LoadLittleEndian<In>(line + x * static_cast<std::int64_t>(sizeof(In))));
       };
@@ -199,21 +180,18 @@ class ResampledSource final : public VolumeSource {
 
   void StoreRow(char* out) const {
     for (const double value : row_) {
-      if (type_ == volume::ScalarType::kFloat32) {
+      if (info().type == volume::ScalarType::kFloat32) {
         base::StoreLittleEndian(static_cast<float>(value), out);
       } else {
         base::StoreLittleEndian(value, out);
       }
-      out += volume::SizeOf(type_);
+      out += volume::SizeOf(info().type);
     }
   }
 
   const std::unique_ptr<VolumeSource> source_;
-  const volume::GridGeometry geometry_;
   const std::array<std::vector<Between>, 3> places_;  // by axis
   const std::optional<double> fill_;
-  const std::string note_;
-  const volume::ScalarType type_;
   std::array<Plane, 2> planes_;
   std::vector<double> row_, next_row_, line_;
 };
@@ -271,8 +249,8 @@ EvenSamples EvenSamplesFor(const std::vector<double>& distances) {
 absl::StatusOr<std::unique_ptr<VolumeSource>> ResampleSource(std::unique_ptr<VolumeSource> source,
                                                              AxisDistances distances,
                                                              std::optional<double> fill) {
-  volume::GridGeometry geometry = source->geometry();
-  std::string note = source->note();
+  SourceInfo info = source->info();
+  volume::GridGeometry& geometry = info.geometry;
   std::array<std::vector<Between>, 3> places;
   bool is_even = true;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -280,9 +258,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> ResampleSource(std::unique_ptr<Vol
     EvenSamples even{.count = geometry.sample_dims[axis]};
     if (!distances[i].empty()) {
       is_even = false;
-      ISOSCOPE_RETURN_IF_ERROR(CheckDistances(distances[i], even.count, axis, source->name()));
+      ISOSCOPE_RETURN_IF_ERROR(CheckDistances(distances[i], even.count, axis, info.name));
       even = EvenSamplesFor(distances[i]);
-      absl::StrAppend(&note, note.empty() ? "" : "; ",
+      absl::StrAppend(&info.note, info.note.empty() ? "" : "; ",
                       DescribeResampling(distances[i], even, axis));
       geometry.sample_dims[axis] = even.count;
       geometry.spacing[axis] = even.step;
@@ -294,10 +272,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> ResampleSource(std::unique_ptr<Vol
   }
   if (const absl::Status valid = volume::Validate(geometry); !valid.ok()) {
     return absl::Status(valid.code(),
-                        absl::StrCat(source->name(), ": after --resample: ", valid.message()));
+                        absl::StrCat(info.name, ": after --resample: ", valid.message()));
   }
-  return std::make_unique<ResampledSource>(std::move(source), geometry, std::move(places), fill,
-                                           std::move(note));
+  info.type = ResampledType(info.type);
+  info.is_resampled = true;
+  info.memory_bytes += 2 * PlaneBytes(source->info());
+  return std::make_unique<ResampledSource>(std::move(info), std::move(source), std::move(places),
+                                           fill);
 }
 
 }  // namespace isoscope::source

@@ -5,8 +5,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <optional>
-#include <string>
 
 #include "absl/status/status.h"
 
@@ -25,12 +23,9 @@ class SliceReader {
 };
 
 // Makes a source from slices. Whole slices are decoded in place, parts through a copy of their
-// slice. Holds two slices at most (one here, one in the library that decodes it). REQUIRES:
-// `geometry` is valid.
-std::unique_ptr<VolumeSource> MakeSliceSource(
-    const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
-    std::unique_ptr<SliceReader> reader,
-    std::optional<volume::PatientFrame> patient_frame = std::nullopt);
+// slice. Holds two slices at most (one here, one in the library that decodes it). `info` says
+// all but whether it is seekable, and its memory. REQUIRES: its geometry is valid.
+std::unique_ptr<VolumeSource> MakeSliceSource(SourceInfo info, std::unique_ptr<SliceReader> reader);
 
 }  // namespace isoscope::source
 

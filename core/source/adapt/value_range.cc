@@ -54,15 +54,15 @@ void AddSamples(const char* samples, std::size_t count, ValueRange* range) {
 absl::StatusOr<ValueRange> FindValueRange(
     VolumeSource* source, const std::function<void(std::int64_t, std::int64_t)>& progress,
     const base::Cancellation& cancellation) {
-  const math::Index3& dims = source->geometry().sample_dims;
+  const math::Index3& dims = source->info().geometry.sample_dims;
   const std::int64_t row_count = dims.y * dims.z;
-  const auto row_bytes = dims.x * static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()));
+  const auto row_bytes = source->info().row_bytes();
   const std::int64_t portion_rows =
       std::clamp<std::int64_t>(kPortionBytes / row_bytes, 1, row_count);
   const auto portion =
       std::make_unique_for_overwrite<char[]>(static_cast<std::size_t>(portion_rows * row_bytes));
   return volume::VisitScalarType(
-      source->scalar_type(), [&]<typename T>() -> absl::StatusOr<ValueRange> {
+      source->info().type, [&]<typename T>() -> absl::StatusOr<ValueRange> {
         ValueRange range;
         for (std::int64_t row = 0; row < row_count;) {
           ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());

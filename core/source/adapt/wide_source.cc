@@ -52,24 +52,11 @@ float HalfValue(std::uint16_t half) {
 class WideSource final : public VolumeSource {
  public:
   WideSource(std::unique_ptr<VolumeSource> stored, WideType type)
-      : stored_(std::move(stored)), type_(type) {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override {
-    return stored_->geometry();
-  }
-  [[nodiscard]] volume::ScalarType scalar_type() const override {
-    return type_ == WideType::kFloat16 ? volume::ScalarType::kFloat32
-                                       : volume::ScalarType::kFloat64;
-  }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return stored_->patient_frame();
-  }
-  [[nodiscard]] const std::string& name() const override { return stored_->name(); }
-  [[nodiscard]] bool is_seekable() const override { return stored_->is_seekable(); }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return stored_->memory_bytes(); }
+      : VolumeSource(InfoOf(stored->info(), type)), stored_(std::move(stored)), type_(type) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const auto count = static_cast<std::size_t>((end_row - begin_row) * geometry().sample_dims.x);
+    const auto count =
+        static_cast<std::size_t>((end_row - begin_row) * info().geometry.sample_dims.x);
     if (type_ == WideType::kFloat16) {
       // In the tail of `out`: no sample is written over before it was read.
       char* const halves = out + count * (sizeof(float) - sizeof(std::uint16_t));
@@ -89,14 +76,19 @@ class WideSource final : public VolumeSource {
   }
 
  private:
+  static SourceInfo InfoOf(SourceInfo info, WideType type) {
+    info.type =
+        type == WideType::kFloat16 ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
+    return info;
+  }
   [[nodiscard]] absl::Status OutOfRange(std::int64_t begin_row, std::size_t index,
                                         const char* sample) const {
-    const math::Index3& dims = geometry().sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     const std::int64_t row = begin_row + static_cast<std::int64_t>(index) / dims.x;
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: the sample at (%d, %d, %d) is %s; 64-bit integers are stored as float64, which is "
         "exact up to 2^53 = 9007199254740992 on either side of 0: subtract an offset, or scale it",
-        name(), static_cast<std::int64_t>(index) % dims.x, row % dims.y, row / dims.y,
+        info().name, static_cast<std::int64_t>(index) % dims.x, row % dims.y, row / dims.y,
         type_ == WideType::kInt64 ? absl::StrCat(base::LoadLittleEndian<std::int64_t>(sample))
                                   : absl::StrCat(base::LoadLittleEndian<std::uint64_t>(sample))));
   }
@@ -122,7 +114,7 @@ volume::ScalarType CarrierType(WideType type) {
 }
 
 std::unique_ptr<VolumeSource> MakeWideSource(std::unique_ptr<VolumeSource> stored, WideType type) {
-  ISOSCOPE_CHECK(stored->scalar_type() == CarrierType(type));
+  ISOSCOPE_CHECK(stored->info().type == CarrierType(type));
   return std::make_unique<WideSource>(std::move(stored), type);
 }
 

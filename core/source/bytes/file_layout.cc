@@ -16,6 +16,7 @@
 #include "core/source/adapt/slice_source.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/file_source.h"
+#include "core/source/series_parts.h"
 
 namespace isoscope::source {
 namespace {
@@ -36,38 +37,31 @@ std::vector<double> TimesOf(const FileLayout& layout) {
 
 class LayoutSeries final : public VolumeSeries {
  public:
-  LayoutSeries(std::string path, const std::string& field, FileLayout layout)
-      : path_(std::move(path)), layout_(std::move(layout)) {
-    std::vector<std::string> components = {""};
-    if (layout_.components > 1) {
-      components.clear();
-      for (std::int64_t i = 0; i < layout_.components; ++i) {
-        components.push_back(layout_.components == 3 ? std::string(1, "xyz"[i]) : absl::StrCat(i));
-      }
-    }
-    for (const std::string& name :
-         layout_.fields.empty() ? std::vector<std::string>{field} : layout_.fields) {
-      fields_.push_back({.name = name, .unit = layout_.sample_unit, .components = components});
-    }
-    times_ = TimesOf(layout_);
-  }
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return layout_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return layout_.length_unit; }
+  LayoutSeries(const std::string& path, const std::string& field, FileLayout layout)
+      : VolumeSeries(InfoOf(path, field, layout)), layout_(std::move(layout)) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    return OpenLayoutVolume(layout_,
-                            (field * layout_.components + component) * layout_.steps + step, path_);
+    return OpenLayoutVolume(
+        layout_, (field * layout_.components + component) * layout_.steps + step, info().name);
   }
 
  private:
-  const std::string path_;
+  static SeriesInfo InfoOf(const std::string& path, const std::string& field,
+                           const FileLayout& layout) {
+    SeriesInfo info{.name = path,
+                    .times = TimesOf(layout),
+                    .time_unit = layout.time_unit,
+                    .length_unit = layout.length_unit};
+    for (const std::string& name :
+         layout.fields.empty() ? std::vector<std::string>{field} : layout.fields) {
+      info.fields.push_back({.name = name,
+                             .unit = layout.sample_unit,
+                             .components = ComponentNames(layout.components)});
+    }
+    return info;
+  }
+
   const FileLayout layout_;
-  std::vector<SourceField> fields_;
-  std::vector<double> times_;  // grows in the constructor only
 };
 
 // The planes of one volume.
@@ -130,10 +124,12 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const FileLayout& layou
     }
   }
   return MakeSliceSource(
-      layout.geometry, is_rescaled ? RescaledType(type) : type, path,
+      {.name = path,
+       .geometry = layout.geometry,
+       .type = is_rescaled ? RescaledType(type) : type,
+       .patient_frame = layout.patient_frame},
       std::make_unique<StoredSliceReader>(std::move(file), layout.location, std::move(slices),
-                                          static_cast<std::size_t>(dims.x * dims.y), is_rescaled),
-      layout.patient_frame);
+                                          static_cast<std::size_t>(dims.x * dims.y), is_rescaled));
 }
 
 }  // namespace

@@ -193,37 +193,27 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
 
 class FileSource final : public VolumeSource {
  public:
-  FileSource(const volume::GridGeometry& geometry, StoredBytes stored, std::string name,
-             std::optional<volume::PatientFrame> patient_frame)
-      : geometry_(geometry),
-        patient_frame_(std::move(patient_frame)),
-        type_(IsRescaled(stored.location()) ? RescaledType(stored.location().stored_type)
-                                            : stored.location().stored_type),
-        name_(std::move(name)),
+  FileSource(const volume::GridGeometry& geometry, StoredBytes stored, const std::string& name,
+             const std::optional<volume::PatientFrame>& patient_frame)
+      : VolumeSource({.name = name,
+                      .geometry = geometry,
+                      .type = IsRescaled(stored.location())
+                                  ? RescaledType(stored.location().stored_type)
+                                  : stored.location().stored_type,
+                      .patient_frame = patient_frame,
+                      .is_seekable = !stored.location().is_encoded(),
+                      .memory_bytes = MemoryBytes(stored.location())}),
         stored_(std::move(stored)) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return patient_frame_;
-  }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-
-  [[nodiscard]] bool is_seekable() const override { return !location().is_encoded(); }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return DecodedStreamBytes(location().encoding) +
-           (location().components > 1 ? std::max(kStoredTupleBytes, tuple_bytes()) : 0);
-  }
-
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     const std::int64_t row_count = dims.y * dims.z;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
     const std::size_t stored_size = volume::SizeOf(location().stored_type);
     const auto count = static_cast<std::size_t>((end_row - begin_row) * dims.x);
     const std::int64_t begin =
         location().volume * math::Volume(dims) + begin_row * dims.x;  // of tuples
-    char* stored = out + count * (volume::SizeOf(type_) - stored_size);
+    char* stored = out + count * (volume::SizeOf(info().type) - stored_size);
     ISOSCOPE_RETURN_IF_ERROR(location().components == 1
                                  ? stored_.Read(begin * tuple_bytes(), count * stored_size, stored)
                                  : ReadComponent(begin, count, stored));
@@ -238,10 +228,14 @@ class FileSource final : public VolumeSource {
 
  private:
   [[nodiscard]] const SampleLocation& location() const { return stored_.location(); }
-  [[nodiscard]] std::int64_t tuple_bytes() const {
-    return location().components *
-           static_cast<std::int64_t>(volume::SizeOf(location().stored_type));
+  static std::int64_t TupleBytes(const SampleLocation& location) {
+    return location.components * static_cast<std::int64_t>(volume::SizeOf(location.stored_type));
   }
+  static std::int64_t MemoryBytes(const SampleLocation& location) {
+    return DecodedStreamBytes(location.encoding) +
+           (location.components > 1 ? std::max(kStoredTupleBytes, TupleBytes(location)) : 0);
+  }
+  [[nodiscard]] std::int64_t tuple_bytes() const { return TupleBytes(location()); }
 
   // The component of `count` tuples from `begin` on, as it is stored.
   absl::Status ReadComponent(std::int64_t begin, std::size_t count, char* out) {
@@ -263,10 +257,6 @@ class FileSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
-  const volume::GridGeometry geometry_;
-  const std::optional<volume::PatientFrame> patient_frame_;
-  const volume::ScalarType type_;
-  const std::string name_;
   StoredBytes stored_;
   std::vector<char> tuples_;  // of several components
 };

@@ -14,18 +14,7 @@ namespace {
 
 class LocatedSeries final : public VolumeSeries {
  public:
-  LocatedSeries(std::string path, LocatedFile file)
-      : path_(std::move(path)), file_(std::move(file)) {
-    for (const LocatedField& located : file_.fields) {
-      fields_.push_back(located.field);
-    }
-  }
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return file_.times; }
-  [[nodiscard]] const std::string& time_unit() const override { return file_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return file_.length_unit; }
+  explicit LocatedSeries(LocatedFile file) : VolumeSeries(file.info), file_(std::move(file)) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
@@ -35,10 +24,10 @@ class LocatedSeries final : public VolumeSeries {
 
  private:
   absl::StatusOr<std::unique_ptr<VolumeSource>> OpenStored(int field, int component, int step) {
-    const LocatedField& located = file_.fields[static_cast<std::size_t>(field)];
-    const SourceField& named = located.field;
+    const FieldLocation& located = file_.locations[static_cast<std::size_t>(field)];
+    const SourceField& named = info().field(field);
     const std::string name =
-        absl::StrCat(path_, fields_.size() > 1 ? absl::StrCat(":", named.name) : "",
+        absl::StrCat(info().name, info().fields.size() > 1 ? absl::StrCat(":", named.name) : "",
                      named.components.size() > 1
                          ? absl::StrCat(":", named.components[static_cast<std::size_t>(component)])
                          : "");
@@ -59,16 +48,14 @@ class LocatedSeries final : public VolumeSeries {
     return source;
   }
 
-  const std::string path_;
   const LocatedFile file_;
-  std::vector<SourceField> fields_;
 };
 
 }  // namespace
 
-std::unique_ptr<VolumeSeries> MakeLocatedSeries(const std::string& path, LocatedFile file) {
-  ISOSCOPE_CHECK(!file.fields.empty());
-  return std::make_unique<LocatedSeries>(path, std::move(file));
+std::unique_ptr<VolumeSeries> MakeLocatedSeries(LocatedFile file) {
+  ISOSCOPE_CHECK(!file.locations.empty() && file.locations.size() == file.info.fields.size());
+  return std::make_unique<LocatedSeries>(std::move(file));
 }
 
 }  // namespace isoscope::source

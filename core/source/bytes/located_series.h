@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -21,25 +21,28 @@
 
 namespace isoscope::source {
 
-struct LocatedField {
-  SourceField field;
+// Where the samples of a field lie.
+struct FieldLocation {
   // The component is that of a tuple; the volume of a SampleLocation is the step.
   std::variant<SampleLocation, TextLocation> location;
   std::optional<WideType> wide{};  // of a SampleLocation, whose stored type is its carrier
 };
 
 struct LocatedFile {
+  SeriesInfo info{};
   volume::GridGeometry geometry{};
-  AxisDistances distances{};     // of a grid that is not even, which is resampled then
-  std::optional<double> fill{};  // the value of holes, if it is
-  std::vector<LocatedField> fields{};
-  std::vector<double> times{};
-  std::string time_unit{};
-  std::string length_unit{};
+  AxisDistances distances{};               // of a grid that is not even, which is resampled then
+  std::optional<double> fill{};            // the value of holes, if it is
+  std::vector<FieldLocation> locations{};  // by field
+
+  void Add(SourceField field, FieldLocation location) {
+    info.fields.push_back(std::move(field));
+    locations.push_back(std::move(location));
+  }
 };
 
-// `path` is for messages. REQUIRES: at least one field.
-std::unique_ptr<VolumeSeries> MakeLocatedSeries(const std::string& path, LocatedFile file);
+// REQUIRES: at least one field.
+std::unique_ptr<VolumeSeries> MakeLocatedSeries(LocatedFile file);
 
 }  // namespace isoscope::source
 

@@ -75,24 +75,20 @@ bool ParseWide(absl::string_view word, char* out) {
 
 class TextSource final : public VolumeSource {
  public:
-  TextSource(const volume::GridGeometry& geometry, TextLocation location, std::string name,
+  TextSource(const volume::GridGeometry& geometry, TextLocation location, const std::string& name,
              std::unique_ptr<io::RandomAccessFile> file)
-      : geometry_(geometry),
+      : VolumeSource(
+            {.name = name,
+             .geometry = geometry,
+             .type = location.wide.has_value() ? volume::ScalarType::kFloat64 : location.type,
+             .is_seekable = false,
+             .memory_bytes = 64 * base::kKiB}),
         location_(std::move(location)),
-        name_(std::move(name)),
         file_(std::move(file)),
         scanner_(file_.get(), location_.offset) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override {
-    return location_.wide.has_value() ? volume::ScalarType::kFloat64 : location_.type;
-  }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] bool is_seekable() const override { return false; }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return 64 * base::kKiB; }
-
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
+    const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     const std::int64_t begin = begin_row * dims.x * location_.components + location_.component;
     const std::int64_t count = (end_row - begin_row) * dims.x;
@@ -139,7 +135,8 @@ class TextSource final : public VolumeSource {
     if (word.ok() && word->empty()) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: the text ends after %d numbers; its header promises %d: it is cut; copy it again",
-          name_, next_number_, math::Volume(geometry_.sample_dims) * location_.components));
+          info().name, next_number_,
+          math::Volume(info().geometry.sample_dims) * location_.components));
     }
     ++next_number_;
     return word;
@@ -148,16 +145,14 @@ class TextSource final : public VolumeSource {
   [[nodiscard]] absl::Status NoNumber(absl::string_view word) const {
     constexpr std::size_t kMaxShown = 40;
     return absl::InvalidArgumentError(
-        absl::StrFormat("%s: \"%s\" before offset %d; expected %s", name_,
+        absl::StrFormat("%s: \"%s\" before offset %d; expected %s", info().name,
                         word.substr(0, kMaxShown), scanner_.position(),
                         location_.wide.has_value()
                             ? "an integer up to 2^53 = 9007199254740992, because float64 holds it"
                             : absl::StrCat("a number of type ", volume::NameOf(location_.type))));
   }
 
-  const volume::GridGeometry geometry_;
   const TextLocation location_;
-  const std::string name_;
   const std::unique_ptr<io::RandomAccessFile> file_;
   TextScanner scanner_;
   std::int64_t next_number_ = 0;  // since the offset

@@ -69,35 +69,35 @@ bool TakeText(const std::string& text, WalledFile* file) {
   const std::pair<std::string, std::string> pair = absl::StrSplit(text, absl::MaxSplits('=', 1));
   const auto& [key, value] = pair;
   if (key == "length_unit" || key == "time_unit") {
-    (key == "time_unit" ? file->time_unit : file->length_unit) = value;
+    (key == "time_unit" ? file->info.time_unit : file->info.length_unit) = value;
     return true;
   }
   if (key == "times") {
-    return TakeTimes(value, &file->times);
+    return TakeTimes(value, &file->info.times);
   }
   if (absl::StartsWith(key, "distances_") && key.size() == 11 && key[10] >= 'x' && key[10] <= 'z') {
     return TakeDistances(value, &file->distances[static_cast<std::size_t>(key[10] - 'x')]);
   }
   if (key == "elsewhere") {
-    file->elsewhere.push_back(value);
+    file->info.fields_elsewhere.push_back(value);
     return !value.empty();
   }
   if (key == "field") {
-    file->fields.push_back({.field = {.name = value, .components = {}}});
+    file->Add({.name = value, .components = {}}, 0);
     return !value.empty();
   }
-  if (file->fields.empty()) {
+  if (file->numbers.empty()) {
     return false;
   }
-  WalledFile::Field& last = file->fields.back();
+  SourceField& last = file->info.fields.back();
   if (key == "number") {
-    return absl::SimpleAtoi(value, &last.number) && last.number >= 0;
+    return absl::SimpleAtoi(value, &file->numbers.back()) && file->numbers.back() >= 0;
   }
   if (key == "component") {
-    last.field.components.push_back(value);
-    return !value.empty() && last.field.components.size() <= kMaxWalledComponents;
+    last.components.push_back(value);
+    return !value.empty() && last.components.size() <= kMaxWalledComponents;
   }
-  (key == "unit" ? last.field.unit : last.field.long_name) = value;
+  (key == "unit" ? last.unit : last.long_name) = value;
   return key == "unit" || key == "long_name";
 }
 
@@ -108,9 +108,9 @@ bool AreUnique(const std::vector<std::string>& names) {
 // Completes the fields; false if their names make no sense.
 bool Complete(WalledFile* file) {
   std::vector<std::string> names;
-  for (WalledFile::Field& field : file->fields) {
-    names.push_back(field.field.name);
-    std::vector<std::string>& components = field.field.components;
+  for (SourceField& field : file->info.fields) {
+    names.push_back(field.name);
+    std::vector<std::string>& components = field.components;
     if (components.size() == 1 || !AreUnique(components)) {
       return false;
     }
@@ -123,63 +123,48 @@ bool Complete(WalledFile* file) {
 
 class WalledSeries final : public VolumeSeries {
  public:
-  WalledSeries(const WalledLibrary& library, std::string path, WalledFile file,
-               const GridRules& rules)
-      : library_(library), path_(std::move(path)), file_(std::move(file)), rules_(rules) {
-    for (const WalledFile::Field& field : file_.fields) {
-      fields_.push_back(field.field);
-    }
-  }
-
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] const std::vector<SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return file_.times; }
-  [[nodiscard]] const std::string& time_unit() const override { return file_.time_unit; }
-  [[nodiscard]] const std::string& length_unit() const override { return file_.length_unit; }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override {
-    return file_.elsewhere;
-  }
+  WalledSeries(const WalledLibrary& library, WalledFile file, const GridRules& rules)
+      : VolumeSeries(file.info), library_(library), file_(std::move(file)), rules_(rules) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::unique_ptr<VolumeSource> source,
-        OpenWalled(library_, path_,
-                   absl::StrCat(file_.fields[static_cast<std::size_t>(field)].number, " ", step,
-                                " ", component, " ", GivenWord(rules_))));
+        OpenWalled(library_, info().name,
+                   absl::StrCat(file_.numbers[static_cast<std::size_t>(field)], " ", step, " ",
+                                component, " ", GivenWord(rules_))));
     return rules_.resamples ? ResampleSource(std::move(source), file_.distances, rules_.fill)
                             : std::move(source);
   }
 
  private:
   const WalledLibrary library_;
-  const std::string path_;
   const WalledFile file_;
   const GridRules rules_;
-  std::vector<SourceField> fields_;
 };
 
 }  // namespace
 
 std::vector<std::string> WalledTexts(const WalledFile& file) {
-  std::vector<std::string> texts{absl::StrCat("times=", JoinedNumbers(file.times)),
-                                 absl::StrCat("time_unit=", file.time_unit),
-                                 absl::StrCat("length_unit=", file.length_unit)};
+  std::vector<std::string> texts{absl::StrCat("times=", JoinedNumbers(file.info.times)),
+                                 absl::StrCat("time_unit=", file.info.time_unit),
+                                 absl::StrCat("length_unit=", file.info.length_unit)};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     if (!file.distances[axis].empty()) {
       texts.push_back(absl::StrCat("distances_", std::string(1, "xyz"[axis]), "=",
                                    JoinedNumbers(file.distances[axis])));
     }
   }
-  for (const std::string& name : file.elsewhere) {
+  for (const std::string& name : file.info.fields_elsewhere) {
     texts.push_back(absl::StrCat("elsewhere=", name));
   }
-  for (const WalledFile::Field& field : file.fields) {
-    texts.push_back(absl::StrCat("field=", field.field.name));
-    texts.push_back(absl::StrCat("number=", field.number));
-    texts.push_back(absl::StrCat("unit=", field.field.unit));
-    texts.push_back(absl::StrCat("long_name=", field.field.long_name));
-    for (const std::string& component : field.field.components) {
-      if (field.field.components.size() > 1) {
+  for (std::size_t i = 0; i < file.numbers.size(); ++i) {
+    const SourceField& field = file.info.fields[i];
+    texts.push_back(absl::StrCat("field=", field.name));
+    texts.push_back(absl::StrCat("number=", file.numbers[i]));
+    texts.push_back(absl::StrCat("unit=", field.unit));
+    texts.push_back(absl::StrCat("long_name=", field.long_name));
+    for (const std::string& component : field.components) {
+      if (field.components.size() > 1) {
         texts.push_back(absl::StrCat("component=", component));
       }
     }
@@ -227,7 +212,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibra
     return absl::DataLossError(absl::StrFormat(
         "%s: what %s says of it makes no sense: the file is damaged", file, library.name));
   }
-  return std::make_unique<WalledSeries>(library, file, std::move(described), rules);
+  described.info.name = file;
+  return std::make_unique<WalledSeries>(library, std::move(described), rules);
 }
 
 }  // namespace isoscope::source

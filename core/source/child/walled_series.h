@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -23,16 +24,14 @@ namespace isoscope::source {
 
 // All that a child says of a file.
 struct WalledFile {
-  struct Field {
-    SourceField field;
-    std::int64_t number = 0;  // by which the child knows it
-  };
-  std::vector<Field> fields{};
-  std::vector<std::string> elsewhere{};  // VolumeSeries::FieldsElsewhere
-  std::vector<double> times{};
-  std::string time_unit{};
-  std::string length_unit{};
-  AxisDistances distances{};  // of the grid of all fields, if it is not even
+  SeriesInfo info{};                    // but its name, which the parent knows
+  std::vector<std::int64_t> numbers{};  // by field: by which the child knows it
+  AxisDistances distances{};            // of the grid of all fields, if it is not even
+
+  void Add(SourceField field, std::int64_t number) {
+    info.fields.push_back(std::move(field));
+    numbers.push_back(number);
+  }
 };
 
 // For the child: texts "key=value", none empty.

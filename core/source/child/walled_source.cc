@@ -100,13 +100,14 @@ absl::Status DoInChild(const Request& request, Answer* answer, char* shared) {
     return source->ReadRows(request.begin_row, request.end_row, shared);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(source, request.library.open(path, part));
-  answer->header = {.geometry = source->geometry(),
-                    .type = source->scalar_type(),
-                    .is_seekable = static_cast<std::uint8_t>(source->is_seekable() ? 1 : 0),
+  const SourceInfo& info = source->info();
+  answer->header = {.geometry = info.geometry,
+                    .type = info.type,
+                    .is_seekable = static_cast<std::uint8_t>(info.is_seekable ? 1 : 0),
                     .has_patient_frame = static_cast<std::uint8_t>(
-                        source->patient_frame() == volume::PatientFrame() ? 1 : 0),
-                    .memory_bytes = source->memory_bytes()};
-  PutText(source->name(), answer, shared);
+                        info.patient_frame == volume::PatientFrame() ? 1 : 0),
+                    .memory_bytes = info.memory_bytes};
+  PutText(info.name, answer, shared);
   return absl::OkStatus();
 }
 
@@ -195,58 +196,48 @@ class Child {
 
 class WalledSource final : public VolumeSource {
  public:
-  WalledSource(std::unique_ptr<Child> child, const Header& header, std::string name,
-               std::int64_t library_bytes)
-      : child_(std::move(child)),
-        header_(header),
-        name_(std::move(name)),
-        limits_{.memory_bytes = library_bytes + 2 * header.memory_bytes} {}
-
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return header_.geometry; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return header_.type; }
-  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
-    return header_.has_patient_frame == 1 ? std::optional<volume::PatientFrame>(std::in_place)
-                                          : std::nullopt;
-  }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] bool is_seekable() const override { return header_.is_seekable == 1; }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return header_.memory_bytes + std::min(run_rows_, RowCount()) * row_bytes_;
-  }
+  // `info`: as the child has it.
+  WalledSource(std::unique_ptr<Child> child, const SourceInfo& info, std::int64_t library_bytes)
+      : VolumeSource(WithRun(info)),
+        child_(std::move(child)),
+        limits_{.memory_bytes = library_bytes + 2 * info.memory_bytes} {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= RowCount());
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= RowCount(info()));
     ISOSCOPE_RETURN_IF_ERROR(failure_);
-    const std::int64_t plane_rows = header_.geometry.sample_dims.y;
+    const std::int64_t plane_rows = info().geometry.sample_dims.y;
+    const std::int64_t row_bytes = info().row_bytes();
+    const std::int64_t run_rows = RunRows(info());
     while (begin_row < end_row) {
       // First up to the end of a plane, then as many whole planes as fit.
       const std::int64_t in_plane = begin_row % plane_rows;
-      const std::int64_t run = in_plane > 0             ? plane_rows - in_plane
-                               : run_rows_ > plane_rows ? run_rows_ - run_rows_ % plane_rows
-                                                        : run_rows_;
-      const std::int64_t rows = std::min({end_row - begin_row, run_rows_, run});
+      const std::int64_t run = in_plane > 0            ? plane_rows - in_plane
+                               : run_rows > plane_rows ? run_rows - run_rows % plane_rows
+                                                       : run_rows;
+      const std::int64_t rows = std::min({end_row - begin_row, run_rows, run});
       failure_ = child_->Ask(Question::kReadRows, limits_, begin_row, begin_row + rows).status();
       ISOSCOPE_RETURN_IF_ERROR(failure_);
-      std::memcpy(out, child_->shared(), static_cast<std::size_t>(rows * row_bytes_));
-      out += rows * row_bytes_;
+      std::memcpy(out, child_->shared(), static_cast<std::size_t>(rows * row_bytes));
+      out += rows * row_bytes;
       begin_row += rows;
     }
     return absl::OkStatus();
   }
 
  private:
-  [[nodiscard]] std::int64_t RowCount() const {
-    return header_.geometry.sample_dims.y * header_.geometry.sample_dims.z;
+  static std::int64_t RowCount(const SourceInfo& info) {
+    return info.geometry.sample_dims.y * info.geometry.sample_dims.z;
+  }
+  static std::int64_t RunRows(const SourceInfo& info) {
+    return std::min(std::max(kRunBytes / info.row_bytes(), info.geometry.sample_dims.y),
+                    static_cast<std::int64_t>(kSharedBytes) / info.row_bytes());
+  }
+  static SourceInfo WithRun(SourceInfo info) {
+    info.memory_bytes += std::min(RunRows(info), RowCount(info)) * info.row_bytes();
+    return info;
   }
 
   const std::unique_ptr<Child> child_;
-  const Header header_;
-  const std::string name_;
-  const std::int64_t row_bytes_ =
-      header_.geometry.sample_dims.x * static_cast<std::int64_t>(volume::SizeOf(header_.type));
-  const std::int64_t run_rows_ =
-      std::min(std::max(kRunBytes / row_bytes_, header_.geometry.sample_dims.y),
-               static_cast<std::int64_t>(kSharedBytes) / row_bytes_);
   const DecoderProcess::Limits limits_;
   absl::Status failure_;  // the first one; it stays
 };
@@ -267,15 +258,19 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenWalled(const WalledLibrary& li
       !volume::Validate(header.geometry).ok()) {
     return child->Damaged("its answer makes no sense");
   }
-  const std::int64_t row_bytes =
-      header.geometry.sample_dims.x * static_cast<std::int64_t>(volume::SizeOf(header.type));
-  if (row_bytes > static_cast<std::int64_t>(kSharedBytes)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": rows of ", row_bytes, " bytes; expected at most ", kSharedBytes));
+  SourceInfo info{.name = child->Text(answer),
+                  .geometry = header.geometry,
+                  .type = header.type,
+                  .is_seekable = header.is_seekable == 1,
+                  .memory_bytes = header.memory_bytes};
+  if (header.has_patient_frame == 1) {
+    info.patient_frame.emplace();
   }
-  std::string name = child->Text(answer);
-  return std::make_unique<WalledSource>(std::move(child), header, std::move(name),
-                                        library.memory_bytes);
+  if (info.row_bytes() > static_cast<std::int64_t>(kSharedBytes)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": rows of ", info.row_bytes(),
+                                                   " bytes; expected at most ", kSharedBytes));
+  }
+  return std::make_unique<WalledSource>(std::move(child), info, library.memory_bytes);
 }
 
 absl::StatusOr<std::vector<std::string>> FindFilesWalled(const WalledLibrary& library,

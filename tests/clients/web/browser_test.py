@@ -417,7 +417,7 @@ class ControlTest(PageTest):
 
     def test_the_toggles_of_light_reach_the_server(self):
         self.open_and_wait()
-        self.js('''for (const id of ['occlusion', 'silhouette']) document.getElementById(id).click();
+        self.js('''for (const id of ['ambient-occlusion', 'silhouette']) document.getElementById(id).click();
             for (const [id, value] of [['samples', '4'], ['lights', 'studio']]) {
               const element = document.getElementById(id); element.value = value;
               element.dispatchEvent(new Event('change')); }''')
@@ -1267,7 +1267,7 @@ class RealTest(PageTest):
         ("choose('quantity', 'none')", '!isoscope.view.state.surfaces[0].colorBy'),
         ("choose('background', '#336699', 'input')", 'isoscope.view.state.backgroundColor.red === 0.2'),
         *((f"choose('lights', '{name}')", 'isoscope.view.state.lights') for name in ('studio', 'side')),
-        ("document.getElementById('occlusion').click()", 'isoscope.view.state.ambientOcclusion'),
+        ("document.getElementById('ambient-occlusion').click()", 'isoscope.view.state.ambientOcclusion'),
         ("document.getElementById('silhouette').click()", 'isoscope.view.state.silhouette'),
         *((f"choose('samples', '{n}')", f'isoscope.view.state.samples === {n}') for n in (4, 9, 16)),
         ("choose('samples', '1')", '!isoscope.view.state.samples'),

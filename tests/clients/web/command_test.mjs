@@ -7,7 +7,8 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, test } from 'node:test';
 
-import { COLOR_MAPS, FLAGS, stateFromHash, stateToCommand } from '../../../clients/web/view-state.js';
+import { COLOR_MAPS } from '../../../clients/web/parameters.js';
+import { FLAGS, stateFromHash, stateToCommand } from '../../../clients/web/view-state.js';
 
 const program = join(process.env.ISOSCOPE_BIN ?? '', 'isoscope');
 const folder = mkdtempSync(join(tmpdir(), 'isoscope-command-'));

@@ -5,8 +5,9 @@ import { test } from 'node:test';
 
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
+import { COLOR_MAPS, EFFECTS } from '../../../clients/web/parameters.js';
 import {
-  COLOR_MAPS, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash,
+  colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -170,6 +171,16 @@ test('a word that is null or has no value counts as absent, and so does a part o
   assert.equal(stateToHash({ ambientOcclusion: { radiusPx: null, strength: null }, silhouette: { widthPx: null, color: null },
     surfaces: [{ isovalue: null, color: null, colorBy: null }], lights: [{ direction: { x: 1, y: null }, intensity: null, color: null }],
     clip: { box: null, halfSpaces: null } }), 'surface=0&light=1,0,0:1&ambient-occlusion=32&silhouette=2');
+});
+
+test('each effect is in links, with and without values', () => {
+  for (const { flag, json, values } of EFFECTS) {
+    const whole = Object.fromEntries(values.map((one) =>
+      [one.json, one.kind === 'color' ? colorFromText('tomato') : one.kind === 'whole' ? 7 : 0]));
+    assert.deepEqual(stateFromHash(stateToHash({ [json]: whole })).state, { [json]: whole });
+    assert.deepEqual(stateFromHash(`#${flag}`).state, { [json]: { [values[0].json]: Number(values[0].initial) } });
+    assert.equal(stateToHash({ [json]: {} }), `${flag}=${values[0].initial}`);
+  }
 });
 
 test('links of older versions open as they did', () => {

@@ -75,11 +75,11 @@ void ReadFrame(absl::string_view bytes) {
     RequireRefusal(status);
     return;
   }
-  const auto of_agent = wire::FrameSpecFromProto(wire::ToProto(drawn));
+  const auto agent_spec = wire::FrameSpecFromProto(wire::ToProto(drawn));
   drawn.nan_color.reset();
   drawn.output = {};
   drawn.effects = {};
-  Require(of_agent.ok() && *of_agent == drawn, "agents see the frame that the coordinator has");
+  Require(agent_spec.ok() && *agent_spec == drawn, "agents see the frame that the coordinator has");
 }
 
 void ReadPick(absl::string_view bytes) {
@@ -168,18 +168,19 @@ void ReadAnswersOfAgents(absl::string_view bytes) {
   }
   internal::GetGradientsResponse gradients;
   if (Parse(bytes, &gradients)) {
-    std::vector<std::optional<math::Vec3d>> of_points(3);
-    const absl::Status status = wire::AddGradients(gradients, &of_points);
+    std::vector<std::optional<math::Vec3d>> point_gradients(3);
+    const absl::Status status = wire::AddGradients(gradients, &point_gradients);
     if (!status.ok()) {
       RequireRefusal(status);
     }
-    Require(of_points.size() == 3, "an answer adds no points");
+    Require(point_gradients.size() == 3, "an answer adds no points");
     std::vector<std::vector<double>> values(3);
     if (const absl::Status added = wire::AddPointValues(gradients, 2, &values); !added.ok()) {
       RequireRefusal(added);
     }
-    for (const std::vector<double>& of_point : values) {
-      Require(of_point.empty() || of_point.size() == 2, "a point has the values of all volumes");
+    for (const std::vector<double>& point_values : values) {
+      Require(point_values.empty() || point_values.size() == 2,
+              "a point has the values of all volumes");
     }
   }
   internal::GetGradientsRequest points;

@@ -119,8 +119,8 @@ std::int64_t WholeTriangles(double isovalue) {
 }
 
 TEST(BenchPaperTest, AutomaticLevelsLieInsideTheRange) {
-  EXPECT_THAT(EvenLevels({.min = 0, .max = 255}, 4), ElementsAre(51, 102, 153, 204));
-  EXPECT_THAT(EvenLevels({.min = -3, .max = 1}, 1), ElementsAre(-1));
+  EXPECT_THAT(EvenIsovalues({.min = 0, .max = 255}, 4), ElementsAre(51, 102, 153, 204));
+  EXPECT_THAT(EvenIsovalues({.min = -3, .max = 1}, 1), ElementsAre(-1));
 }
 
 TEST(BenchPaperTest, TheBoundIsTheoremTwoPointTwo) {

@@ -537,17 +537,17 @@ TEST_F(PartitionAgentServiceTest, ColorsComeOfTheDatasetsThatTheFrameNames) {
   begin->add_color_dataset_ids(field_id);
   FrameTask task = dataset_.Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(task.spec, wire::FrameSpecFromProto(begin->frame()));
-  Shards of_field;
+  Shards field_shards;
   for (int i = 0; i < 2; ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        of_field.emplace_back(),
+        field_shards.emplace_back(),
         OpenShard(temp.Sub("field") + "/" + store::ShardDirectoryName(i, 2)));
   }
   image::FrameImage image = EmptyImage();
   FrameCall call(stub_.get());
   call.Send(good);
   EXPECT_TRUE(call.ReadPixels(&image).has_frame_done());
-  EXPECT_TRUE(image == Expected(task, {{}, of_field}));
+  EXPECT_TRUE(image == Expected(task, {{}, field_shards}));
 
   const auto expect = [&](const std::string& code, const std::string& message,
                           const std::function<void(v1::BeginFrame*)>& spoil) {
@@ -847,18 +847,18 @@ TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
         last = block.block_id();
         blocks[last] = block.positions() + block.normals() + block.copies() + block.triangles();
       };
-      v1::SurfaceSums of_shard;
-      EXPECT_EQ(ReadSurface(request, visit, &of_shard), "OK");
-      sums.Add({.area = math::ExactSum::Decode(of_shard.area()).value(),
-                .volume = math::ExactSum::Decode(of_shard.volume()).value(),
-                .triangle_count = of_shard.triangle_count(),
-                .open_side_count = of_shard.open_edge_count()});
+      v1::SurfaceSums shard_sums;
+      EXPECT_EQ(ReadSurface(request, visit, &shard_sums), "OK");
+      sums.Add({.area = math::ExactSum::Decode(shard_sums.area()).value(),
+                .volume = math::ExactSum::Decode(shard_sums.volume()).value(),
+                .triangle_count = shard_sums.triangle_count(),
+                .open_side_count = shard_sums.open_edge_count()});
       request.set_without_blocks(true);
       v1::SurfaceSums alone;
       EXPECT_EQ(ReadSurface(
                     request, [](const v1::BlockSurface&) { ADD_FAILURE(); }, &alone),
                 "OK");
-      EXPECT_EQ(alone.SerializeAsString(), of_shard.SerializeAsString());
+      EXPECT_EQ(alone.SerializeAsString(), shard_sums.SerializeAsString());
     }
     solid::SurfaceSums expected_sums;
     const std::map<std::int64_t, std::string> expected = ExpectedSurface(
@@ -1015,10 +1015,10 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
       EXPECT_GE(gradient.point_index(), 0);
       EXPECT_LT(gradient.point_index(), 100);
     }
-    for (const v1::PointShard& of_point : response.shards()) {
-      EXPECT_EQ(of_point.shard_index(), shard);
-      EXPECT_EQ(of_point.point_index() % 2, 0) << "nobody asked for its block";
-      EXPECT_TRUE(told.insert(of_point.point_index()).second) << "two shards have it";
+    for (const v1::PointShard& point : response.shards()) {
+      EXPECT_EQ(point.shard_index(), shard);
+      EXPECT_EQ(point.point_index() % 2, 0) << "nobody asked for its block";
+      EXPECT_TRUE(told.insert(point.point_index()).second) << "two shards have it";
     }
   }
   EXPECT_EQ(count, 100);
@@ -1034,8 +1034,8 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
   v1::GetGradientsResponse values;
   EXPECT_EQ(ask(with_values, &values), "OK");
   EXPECT_EQ(values.values_size(), values.shards_size()) << "points whose blocks lie in the shard";
-  for (const v1::PointValues& of_point : values.values()) {
-    EXPECT_EQ(of_point.values_size(), 1);
+  for (const v1::PointValues& point : values.values()) {
+    EXPECT_EQ(point.values_size(), 1);
   }
 
   std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(10, {request, ""});

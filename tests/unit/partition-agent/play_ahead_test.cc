@@ -82,7 +82,7 @@ class PlayAheadTest : public ::testing::Test {
     image::FrameImage image;
     std::int64_t read_bytes = 0;
   };
-  // Draws a step as FrameSteps does. `color`: shows the other field.
+  // Draws a step as FrameAnswerer does. `color`: shows the other field.
   Drawn Draw(int step, bool has_color = false) {
     const FramesInWork::Frame in_work(memory_->frames());
     FrameTask task;

@@ -650,6 +650,14 @@ TEST_F(IsosurfaceServiceTest, StatusAndDatasetsTellWhatTheRegistrySaw) {
   request.set_name("none");
   EXPECT_THAT(Call(datasets_, &isoscope::v1::DatasetService::Stub::GetDataset, request),
               StatusIs(absl::StatusCode::kNotFound));
+  for (const std::string& name : {std::string("head"), list.datasets(0).dataset_id()}) {
+    request.set_name(name);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto found,
+        Call(datasets_, &isoscope::v1::DatasetService::Stub::GetDataset, request));
+    EXPECT_EQ(found.dataset().name(), "head") << name;
+    EXPECT_EQ(found.picture_revision(), status.agents(0).picture_revision());
+  }
 
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto capabilities,

@@ -312,8 +312,9 @@ TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(MakeRequest()));
   ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {3, 1, 2}}, &spec));
   EXPECT_TRUE(spec.camera.has_value());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec of_agent, FrameSpecFromProto(ToProto(spec)));
-  EXPECT_EQ(of_agent, spec);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
+                                FrameSpecFromProto(ToProto(spec)));
+  EXPECT_EQ(agent_spec, spec);
 }
 
 TEST(ResolveCameraTest, ACameraThatIsSetStays) {
@@ -496,9 +497,9 @@ TEST(FrameSpecConvertTest, AgentsGetEachValueOfAFrame) {
     spec = rich;
     OneChange(i).Visit(spec);
     EXPECT_EQ(spec == rich, i < 0) << "value " << i;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec of_agent,
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
                                   FrameSpecFromProto(ToProto(spec)));
-    EXPECT_EQ(of_agent, spec) << "value " << i;
+    EXPECT_EQ(agent_spec, spec) << "value " << i;
   }
 }
 
@@ -508,8 +509,9 @@ TEST(FrameSpecConvertTest, AgentsNeverGetWhatTheCoordinatorAdds) {
   spec.nan_color = image::Rgba8{1, 2, 3, 255};
   spec.output = {.image_format = frame::ImageFormat::kJpeg, .depth = true};
   spec.effects = {.samples_per_side = 2, .silhouette = frame::Silhouette()};
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec of_agent, FrameSpecFromProto(ToProto(spec)));
-  EXPECT_EQ(of_agent, drawn);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
+                                FrameSpecFromProto(ToProto(spec)));
+  EXPECT_EQ(agent_spec, drawn);
 }
 
 TEST(FrameSpecConvertTest, HostileFramesOfACoordinatorAreNamed) {

@@ -76,9 +76,9 @@ TEST(HistogramQueryTest, EveryHostileValueIsNamed) {
     request.mutable_value_range()->set_max(max);
     EXPECT_THAT(HistogramQueryFromProto(request),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("value_range")));
-    internal::GetShardHistogramRequest of_shards;
-    *of_shards.mutable_value_range() = request.value_range();
-    EXPECT_FALSE(HistogramQueryFromProto(of_shards).ok());
+    internal::GetShardHistogramRequest shard_request;
+    *shard_request.mutable_value_range() = request.value_range();
+    EXPECT_FALSE(HistogramQueryFromProto(shard_request).ok());
   }
 }
 

@@ -219,8 +219,8 @@ TEST(ColorRangeOfTest, HoldsTheValuesOfAllSteps) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ColorRange range, ColorRangeOf(component, "range"));
     EXPECT_EQ(range, frame::ColorRangeOfSamples(min, max));
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ColorRange of_nan, ColorRangeOf({}, "range"));
-  EXPECT_EQ(of_nan, (frame::ColorRange{0, 1}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ColorRange nan_range, ColorRangeOf({}, "range"));
+  EXPECT_EQ(nan_range, (frame::ColorRange{0, 1}));
 }
 
 // Symptom: a single infinite sample stretched the range, and all others had one colour.

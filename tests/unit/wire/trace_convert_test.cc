@@ -55,11 +55,12 @@ TEST(TraceConvertTest, SpansAreDurationsSinceTheZeroOfTheAxis) {
 }
 
 TEST(TraceConvertTest, AnAgentsSpansMoveToTheCoordinatorsAxisByItsMessages) {
-  const auto of_agent =
+  const auto agent_trace =
       ToProto(Recorded(), {.sent = {At(109), At(119)}, .received = {At(100), At(112)}}, At(100));
   // The coordinator's clock says 5000 when the agent's says 0; messages take 1 ms each way.
-  const v1::ProcessTrace aligned = AlignAgentTrace(
-      of_agent, {.sent = {At(5099), At(5111)}, .received = {At(5110), At(5120)}}, At(5000), "a:1");
+  const v1::ProcessTrace aligned =
+      AlignAgentTrace(agent_trace, {.sent = {At(5099), At(5111)}, .received = {At(5110), At(5120)}},
+                      At(5000), "a:1");
   EXPECT_EQ(aligned.name(), "agent a:1");
   EXPECT_EQ(DurationFromProto(aligned.clock_error_duration()), absl::Milliseconds(1));
   const v1::TraceTrack& frame = TrackOf(aligned, "frame 1");
@@ -104,10 +105,10 @@ TEST(TraceConvertTest, ManyAgentsTogetherRecordAsManySpansAsFew) {
 }
 
 TEST(TraceConvertTest, MessagesThatOvertakeTheArrivalOfOthersDoNotOverlapOnTheirTrack) {
-  const auto of_agent = ToProto(base::RecordedTrace(),
-                                {.sent = {At(10), At(11), At(12)}, .received = {At(0)}}, At(0));
+  const auto agent_trace = ToProto(base::RecordedTrace(),
+                                   {.sent = {At(10), At(11), At(12)}, .received = {At(0)}}, At(0));
   const v1::ProcessTrace aligned = AlignAgentTrace(
-      of_agent, {.sent = {At(0)}, .received = {At(20), At(21), At(21)}}, At(0), "a:1");
+      agent_trace, {.sent = {At(0)}, .received = {At(20), At(21), At(21)}}, At(0), "a:1");
   const v1::TraceTrack& in = TrackOf(aligned, "network in");
   ASSERT_EQ(in.spans_size(), 3);
   for (int i = 1; i < 3; ++i) {

@@ -14,7 +14,7 @@ asyncio. World coordinates are those of the volume; colours are sRGB; row 0 of a
 """
 
 from isoscope import _environment  # before gRPC is imported
-from isoscope import data, errors, labels
+from isoscope import data, errors, labels, look
 from isoscope import aio
 from isoscope._channel import DEFAULT_PORT, DEFAULT_TIMEOUT
 from isoscope._version import __version__
@@ -25,14 +25,14 @@ from isoscope.errors import *
 from isoscope.frame import Frame
 from isoscope.labels import *
 from isoscope.local import serve
-from isoscope.look import AmbientOcclusion, Caps, Clip, ColorBy, Light, Material, Plane, Silhouette, Surface
+from isoscope.look import *
 from isoscope.viewer import View
 
 __all__ = [
-    "DEFAULT_PORT", "DEFAULT_TIMEOUT", "VIEWS", "AmbientOcclusion", "Camera", "Caps", "Client", "Clip", "ColorBy",
-    "Dataset", "Frame", "Light", "Material", "Plane", "Silhouette", "Surface", "View", "__version__", "aio", "connect",
-    "errors", "labels", "serve",
+    "DEFAULT_PORT", "DEFAULT_TIMEOUT", "VIEWS", "Camera", "Client", "Dataset", "Frame", "View", "__version__", "aio",
+    "connect", "errors", "labels", "serve",
 ]  # fmt: skip
 __all__ += data.__all__
 __all__ += errors.__all__
 __all__ += labels.__all__
+__all__ += look.__all__

@@ -43,7 +43,7 @@ from isoscope.data import (
     TimeStep,
 )
 from isoscope.errors import InternalError
-from isoscope.frame import Frame, Planes
+from isoscope.frame import Frame, FrameCalls, Planes
 from isoscope.labels import Label
 from isoscope.look import Caps, ColorBy
 
@@ -256,8 +256,11 @@ def _note(proto: pb.SurfaceNote) -> SurfaceNote:
 class FrameParts:
     """Puts the parts of RenderIsosurfaceStream together."""
 
-    def __init__(self, request: pb.RenderIsosurfaceRequest) -> None:
+    def __init__(
+        self, request: pb.RenderIsosurfaceRequest, make_calls: Callable[[Callable[[Any], Any]], FrameCalls]
+    ) -> None:
         self._request = request
+        self._make_calls = make_calls
         self._bytes: dict[str, list[bytes]] = {name: [] for name in _BYTES_FIELDS}
         self._rest = pb.RenderIsosurfaceResponse()
 
@@ -301,7 +304,7 @@ class FrameParts:
             _rgba_bytes=self._joined("rgba8"),
             _planes=self._planes(),
             _request=again,
-            _do=do,
+            _calls=None if do is None else self._make_calls(do),
         )
 
     def _joined(self, name: str) -> bytes:

@@ -12,10 +12,10 @@ import inspect
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, ParamSpec, TypeVar, cast, get_type_hints
+from typing import Any, Literal, ParamSpec, TypeVar, Union, cast, get_type_hints
 
 from isoscope import _answer, _request
-from isoscope._call import Call, One
+from isoscope._call import Call, Do, One
 from isoscope._channel import CONNECT_TIMEOUT, DEFAULT_TIMEOUT, Target, make_target
 from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_service_pb2 as datasets_pb
@@ -248,7 +248,7 @@ def render(
     )  # fmt: skip
     _request.set_appearance(
         request, color=color, background=background, lights=lights, color_by=color_by, nan_color=nan_color, samples=samples,
-        ambient_occlusion=ambient_occlusion, silhouette=silhouette, culling=culling,
+        culling=culling, effects={"ambient_occlusion": ambient_occlusion, "silhouette": silhouette},
     )  # fmt: skip
     _request.set_output(request, format, quality, planes)
     request.allow_partial = bool(allow_partial)
@@ -258,7 +258,23 @@ def render(
 
 def frame(request: pb.RenderIsosurfaceRequest, timeout: float | None = None) -> Call[Frame]:
     """The frame of a request. Always as a stream: a picture of any size stays below every limit of messages."""
-    return Call(pb.RenderIsosurfaceStreamRequest(request=request), _answer.FrameParts(request), timeout)
+    parts = _answer.FrameParts(request, _FrameCalls)
+    return Call(pb.RenderIsosurfaceStreamRequest(request=request), parts, timeout)
+
+
+@dataclass(frozen=True)
+class _FrameCalls:
+    """The later calls of a frame, by `do` of its client."""
+
+    do: Do
+
+    def point(
+        self, request: pb.RenderIsosurfaceRequest, pixel: tuple[int, int], all_fields: bool
+    ) -> PickedPoint | None:
+        return cast(Union[PickedPoint, None], self.do(points(request, pixel, all_fields)))
+
+    def plane(self, request: pb.RenderIsosurfaceRequest, name: PlaneName) -> Frame:
+        return cast(Frame, self.do(plane(request, name)))
 
 
 def plane(request: pb.RenderIsosurfaceRequest, name: PlaneName) -> Call[Frame]:
@@ -360,11 +376,11 @@ def mesh(
 def notes_on_mesh(call: Call[Mesh], mesh: Mesh, capabilities: Capabilities | None) -> Call[Frame] | None:
     """Returns a small frame of the surfaces that have no triangles, whose notes become warnings; None: no need."""
     request = cast(pb.ExportIsosurfaceRequest, call.request)
-    frame = _request.frame_of_empty(request, set(mesh.triangle_surface.tolist()))
-    _request.ask_for_notes(frame, capabilities)
-    if not frame.surfaces or not frame.with_notes:
+    empty = _request.frame_of_empty(request, set(mesh.triangle_surface.tolist()))
+    _request.ask_for_notes(empty, capabilities)
+    if not empty.surfaces or not empty.with_notes:
         return None
-    return Call(pb.RenderIsosurfaceStreamRequest(request=frame), _answer.FrameParts(frame), call.timeout)
+    return frame(empty, call.timeout)
 
 
 def measure(

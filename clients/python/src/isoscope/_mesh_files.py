@@ -7,19 +7,34 @@ import math
 import pathlib
 import struct
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from isoscope.errors import InvalidArgumentError, IsoscopeError
 
-if TYPE_CHECKING:
-    from isoscope._mesh import Mesh
-
 # glTF 2.0, sections 3.6 and 4.4.
 _GLB_MAGIC, _GLB_VERSION, _JSON_CHUNK, _BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"
 _FLOAT, _UNSIGNED_INT, _VERTEX_BUFFER, _INDEX_BUFFER = 5126, 5125, 34962, 34963
+
+
+class Mesh(Protocol):
+    """The parts of an isoscope.Mesh that files have."""
+
+    @property
+    def points(self) -> npt.NDArray[Any]: ...
+    @property
+    def normals(self) -> npt.NDArray[np.float32]: ...
+    @property
+    def triangles(self) -> npt.NDArray[np.int64]: ...
+    @property
+    def triangle_surface(self) -> npt.NDArray[Any]: ...
+    @property
+    def isovalues(self) -> tuple[float, ...]: ...
+    @property
+    def origin(self) -> tuple[float, float, float] | None: ...
+    def to_pyvista(self) -> Any: ...
 
 
 def save(mesh: Mesh, path: pathlib.Path) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, cast
 
-from isoscope._proto import dataset_pb2, geometry_pb2
+from isoscope._proto import dataset_pb2, frame_pb2, geometry_pb2, options_pb2
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, as_vec3
 from isoscope.data import DatasetInfo
@@ -32,9 +32,17 @@ from isoscope.look import (
     parse_color,
 )
 
-MAPS = {name: 1 + at for at, name in enumerate(("viridis", "magma", "cividis", "turbo", "cool-warm", "grey"))}
+def _words(values: Any) -> dict[str, int]:
+    """Returns the numbers of an enum by its words: COLOR_MAP_COOL_WARM is "cool-warm"."""
+    prefix = len(values.DESCRIPTOR.values_by_number[0].name.removesuffix("UNSPECIFIED"))
+    return {name[prefix:].lower().replace("_", "-"): number for name, number in values.items() if number != 0}
+
+
+MAPS = _words(pb.ColorMap)
+CULLINGS = _words(frame_pb2.Culling)
+FITS = _words(pb.CameraFit)
 QUANTITIES = {name: 1 + at for at, name in enumerate(("x", "y", "z", "normal", "gradient", "field"))}
-_SPACES = {"view": 1, "world": 2}
+_SPACES = _words(pb.Light.Space)
 _ENDS = {"first": 0, "last": -1}
 
 
@@ -74,6 +82,31 @@ def color_message(value: ColorLike, name: str, opacity: float | None = None) -> 
     if opacity is not None:
         alpha = as_number(opacity, "surface opacity")
     return geometry_pb2.Color(red=red, green=green, blue=blue, alpha=alpha)
+
+
+#: The effects of a frame: the fields of its request that have effect_options.
+EFFECTS = tuple(
+    field.name
+    for field in pb.RenderIsosurfaceRequest.DESCRIPTOR.fields
+    if field.GetOptions().HasExtension(options_pb2.effect_options)
+)
+
+
+def set_effect(message: Any, effect: Any, name: str) -> None:
+    """Turns an effect on, and sets the fields that `effect` has as attributes: radius_px is its radius."""
+    message.SetInParent()
+    for field in message.DESCRIPTOR.fields:
+        attribute = field.name.removesuffix("_px")
+        value = getattr(effect, attribute, None)
+        what = f"{name} {attribute}"
+        if value is None:
+            continue
+        if field.message_type is not None:
+            getattr(message, field.name).CopyFrom(color_message(value, what))
+        elif field.cpp_type == field.CPPTYPE_INT32:
+            setattr(message, field.name, as_int(value, what))
+        else:
+            setattr(message, field.name, as_number(value, what))
 
 
 def as_pair(values: Sequence[float], name: str) -> tuple[float, float]:

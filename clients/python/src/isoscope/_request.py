@@ -9,12 +9,15 @@ An error is an InvalidArgumentError that names the argument, its value and the a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
 
 from isoscope._messages import (
+    CULLINGS,
+    EFFECTS,
+    FITS,
     as_int,
     as_ints,
     as_number,
@@ -26,6 +29,7 @@ from isoscope._messages import (
     color_message,
     light_message,
     selection_message,
+    set_effect,
     surface_message,
 )
 from isoscope._proto import dataset_pb2, geometry_pb2
@@ -37,20 +41,16 @@ from isoscope.errors import FailedPreconditionError, InvalidArgumentError
 from isoscope.frame import PlaneName
 from isoscope.labels import LabelsLike, as_label_sets
 from isoscope.look import (
-    AmbientOcclusion,
     ClipLike,
     ColorByLike,
     ColorLike,
     LightLike,
-    Silhouette,
     Surface,
     SurfaceLike,
     as_lights,
 )
 
-_CULLINGS = {"depth": 1, "mask": 2, "none": 3}
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
-_FITS = {"volume": 1, "surface": 2}
 # The side of a picture that is drawn for its notes alone, in pixels.
 _EMPTY_SIDE = 64
 #: The most surfaces of a frame; servers of 0.1 take 16.
@@ -137,7 +137,7 @@ def frame(
     request = pb.RenderIsosurfaceRequest(dataset=dataset.name, selection=selection)
     _set_surfaces(request, dataset, isovalue, surfaces, labels)
     request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
-    request.camera_fit = cast(Any, choice(_FITS, fit, "fit"))
+    request.camera_fit = cast(Any, choice(FITS, fit, "fit"))
     sides = (size, size) if isinstance(size, (int, np.integer)) else size
     width, height = as_ints(sides, "size", "(width, height)", 2)
     request.viewport.CopyFrom(geometry_pb2.Viewport(width_px=width, height_px=height))
@@ -163,11 +163,10 @@ def set_appearance(
     color_by: ColorByLike | None,
     nan_color: ColorLike | None,
     samples: int | None,
-    ambient_occlusion: AmbientOcclusion | bool,
-    silhouette: Silhouette | bool,
     culling: str,
+    effects: Mapping[str, Any],
 ) -> None:
-    """Adds what decides colours."""
+    """Adds what decides colours. `effects`: by the name of their field."""
     if color is not None:
         if request.surfaces:
             raise InvalidArgumentError("color is that of the only surface: with surfaces, write Surface(V, color=...)")
@@ -182,20 +181,10 @@ def set_appearance(
     request.lights.extend(map(light_message, as_lights(lights)))
     if samples is not None:
         request.samples = as_int(samples, "samples")
-    if ambient_occlusion:
-        effect = ambient_occlusion if isinstance(ambient_occlusion, AmbientOcclusion) else AmbientOcclusion()
-        request.ambient_occlusion.CopyFrom(
-            pb.AmbientOcclusion(
-                radius_px=as_int(effect.radius, "ambient_occlusion radius"),
-                strength=as_number(effect.strength, "ambient_occlusion strength"),
-            )
-        )
-    if silhouette:
-        lines = silhouette if isinstance(silhouette, Silhouette) else Silhouette()
-        request.silhouette.CopyFrom(pb.Silhouette(width_px=as_int(lines.width, "silhouette width")))
-        if lines.color is not None:
-            request.silhouette.color.CopyFrom(color_message(lines.color, "silhouette color"))
-    request.culling = cast(Any, choice(_CULLINGS, culling, "culling"))
+    for name, effect in effects.items():
+        if effect:
+            set_effect(getattr(request, name), effect, name)
+    request.culling = cast(Any, choice(CULLINGS, culling, "culling"))
 
 
 def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: pb.ColorBy) -> None:
@@ -241,7 +230,7 @@ def plane(request: pb.RenderIsosurfaceRequest, plane: PlaneName) -> pb.RenderIso
     more.output.image_format = cast(Any, _FORMATS["none"])
     setattr(more.output, plane, True)
     # Planes depend on none of these, and with several samples NONE would draw them for nothing.
-    for field in ("ambient_occlusion", "silhouette", "samples"):
+    for field in (*EFFECTS, "samples"):
         more.ClearField(cast(Any, field))
     return more
 

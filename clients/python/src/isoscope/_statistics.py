@@ -4,12 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from isoscope._renamed import renamed
-
-
-def _seconds(milliseconds: float) -> float:
-    return milliseconds / 1000
-
 
 @dataclass(frozen=True)
 class SurfaceStatistics:
@@ -17,9 +11,6 @@ class SurfaceStatistics:
 
     triangle_count: int
     unique_vertex_count: int
-
-    triangles = renamed("triangles", "triangle_count")
-    vertices = renamed("vertices", "unique_vertex_count")
 
 
 @dataclass(frozen=True)
@@ -44,13 +35,6 @@ class AgentStatistics:
     busy_ms: float
     extract_ms: float
     render_ms: float
-
-    active_blocks = renamed("active_blocks", "active_block_count")
-    visible_blocks = renamed("visible_blocks", "visible_block_count")
-    triangles = renamed("triangles", "triangle_count")
-    busy_seconds = renamed("busy_seconds", "busy_ms", _seconds)
-    extract_seconds = renamed("extract_seconds", "extract_ms", _seconds)
-    render_seconds = renamed("render_seconds", "render_ms", _seconds)
 
 
 @dataclass(frozen=True)
@@ -99,13 +83,3 @@ class Statistics:
     def seconds(self) -> float:
         """Time of the frame in the coordinator, seconds."""
         return sum(self.durations_ms.values()) / 1000
-
-    active_blocks = renamed("active_blocks", "active_block_count")
-    visible_blocks = renamed("visible_blocks", "visible_block_count")
-    culled_blocks = renamed("culled_blocks", "culled_block_count")
-    occluding_blocks = renamed("occluding_blocks", "occluding_block_count")
-    triangles = renamed("triangles", "triangle_count")
-    vertices = renamed("vertices", "unique_vertex_count")
-    truncated_pixels = renamed("truncated_pixels", "truncated_pixel_count")
-    coverage = renamed("coverage", "active_block_coverage", lambda share: 1.0 if share is None else share)
-    step_seconds = renamed("step_seconds", "durations_ms", lambda steps: {key: _seconds(steps[key]) for key in steps})

@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from isoscope._dataset_info import DatasetInfo, Field, FieldComponent, TimeStep
 from isoscope._mesh import Mesh
-from isoscope._renamed import renamed
 from isoscope._statistics import AgentStatistics, Statistics, SurfaceStatistics
 from isoscope.camera import Vec3
 
@@ -153,12 +152,6 @@ class Histogram:
         ends = f"{self.edges[0]:g} to {self.edges[-1]:g}" if len(self) else "empty"
         return f"Histogram({len(self)} bins, {ends}, {int(self.sample_count.sum())} samples)"
 
-    counts = renamed("counts", "sample_count")
-    active_blocks = renamed("active_blocks", "active_block_count")
-    active_bytes = renamed("active_bytes", "active_block_bytes")
-    triangles = renamed("triangles", "estimated_triangle_count")
-    has_counts = renamed("has_counts", "has_sample_counts")
-
 
 @dataclass(frozen=True)
 class SurfaceColoring:
@@ -175,8 +168,6 @@ class SurfaceColoring:
     color_by: ColorBy
     nan_color: str | None = None
     shows_nan: bool = False
-
-    surface = renamed("surface", "surface_index")
 
 
 @dataclass(frozen=True)
@@ -298,7 +289,3 @@ class PickedPoint:
     def is_hit(self) -> bool:
         """True: there is a point."""
         return True
-
-    surface = renamed("surface", "surface_index")
-    block = renamed("block", "block_id")
-    shard = renamed("shard", "shard_index")

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import os
 import pathlib
-from typing import TYPE_CHECKING, Any, Literal, Union, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,6 @@ from isoscope.data import CapsColoring, PickedPoint, Statistics, SurfaceColoring
 from isoscope.errors import IsoscopeError
 
 if TYPE_CHECKING:
-    from isoscope._call import Do
     from isoscope._proto.isosurface_service_pb2 import RenderIsosurfaceRequest
 
 __all__ = ["Frame", "ImageFormat", "PlaneName"]
@@ -29,6 +28,16 @@ PlaneName = Literal["depth", "surface_index", "position", "normal"]
 ImageFormat = Literal["png", "jpeg", "rgba", "none"]
 
 Planes = dict[str, npt.NDArray[Any]]
+
+
+class FrameCalls(Protocol):
+    """Calls that a frame makes after it came. `_core` has them: it knows frames, and a frame knows no calls."""
+
+    def point(
+        self, request: RenderIsosurfaceRequest, pixel: tuple[int, int], all_fields: bool
+    ) -> PickedPoint | None: ...
+
+    def plane(self, request: RenderIsosurfaceRequest, name: PlaneName) -> Frame: ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -60,7 +69,7 @@ class Frame:
     _rgba_bytes: bytes
     _planes: Planes
     _request: RenderIsosurfaceRequest
-    _do: Do | None = None
+    _calls: FrameCalls | None = None
     caps_coloring: CapsColoring | None = None
     notes: tuple[SurfaceNote, ...] = ()
     field: str | None = None
@@ -149,14 +158,12 @@ class Frame:
 
     def pick(self, x: int, y: int, all_fields: bool = False) -> PickedPoint | None:
         """Returns what pixel (column x, row y) of the viewport shows; None: the background."""
-        if self._do is None:
+        if self._calls is None:
             raise IsoscopeError(
                 "this frame has no blocking connection: use dataset.pick((x, y), frame=frame), with await in the "
                 "async client"
             )
-        from isoscope import _core
-
-        return cast(Union[PickedPoint, None], self._do(_core.points(self._request, (x, y), all_fields)))
+        return self._calls.point(self._request, (x, y), all_fields)
 
     def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
         """Writes the exact bytes: .png, .jpg or .jpeg (if rendered as JPEG), or .npy (the RGBA array)."""
@@ -206,7 +213,7 @@ class Frame:
     def __getstate__(self) -> dict[str, Any]:
         """Pickles everything but the connection, the request as its bytes."""
         state = {name: value for name, value in self.__dict__.items() if name != "rgba"}
-        state.update(_do=None, _request=self._request.SerializeToString())
+        state.update(_calls=None, _request=self._request.SerializeToString())
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -216,11 +223,9 @@ class Frame:
 
     def _plane(self, name: PlaneName) -> npt.NDArray[Any]:
         if name not in self._planes:
-            if self._do is None:
+            if self._calls is None:
                 raise self._lacks(f"the plane {name!r}", f'planes=["{name}"]')
-            from isoscope import _core
-
-            self._planes.update(self._do(_core.plane(self._request, name))._planes)
+            self._planes.update(self._calls.plane(self._request, name)._planes)
         return self._planes[name]
 
     def _lacks(self, thing: str, argument: str) -> IsoscopeError:

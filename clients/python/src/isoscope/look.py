@@ -15,28 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Union, cast, get_args
 
+from isoscope._proto import isosurface_service_pb2 as pb
+from isoscope._proto import options_pb2
 from isoscope.camera import Vec3, as_vec3
 from isoscope.errors import InvalidArgumentError
 from isoscope.labels import LabelLike
 
-__all__ = [
-    "AmbientOcclusion",
-    "Caps",
-    "Clip",
-    "ClipLike",
-    "ColorBy",
-    "ColorByLike",
-    "ColorLike",
-    "ColorMap",
-    "Light",
-    "LightLike",
-    "Material",
-    "Plane",
-    "Quantity",
-    "Silhouette",
-    "Surface",
-    "SurfaceLike",
-]
+__all__ = ["AmbientOcclusion", "Caps", "Clip", "ColorBy", "Light", "Material", "Plane", "Silhouette", "Surface"]
 
 #: "#rrggbb", "#rrggbbaa", "#rgb", "#rgba", a name of CSS such as "ivory", or red, green, blue(, alpha) in [0, 1], sRGB.
 ColorLike = Union[str, Sequence[float]]
@@ -227,6 +212,15 @@ class Clip:
 ClipLike = Union[Clip, Plane, Sequence[Plane], Sequence[float]]
 
 
+def _default(effect: Any, field: str) -> float:
+    """Returns the default of a field of an effect, as the proto has it."""
+    options = effect.DESCRIPTOR.fields_by_name[field].GetOptions()
+    return float(options.Extensions[options_pb2.value_options].default_text)
+
+
+# Effects. An attribute has the name of the proto's field, without "_px".
+
+
 @dataclass(frozen=True)
 class AmbientOcclusion:
     """Darkens hollows.
@@ -236,8 +230,8 @@ class AmbientOcclusion:
         strength: share of its light that a hollow loses at most, in [0, 1].
     """
 
-    radius: int = 32
-    strength: float = 1.0
+    radius: int = int(_default(pb.AmbientOcclusion, "radius_px"))
+    strength: float = _default(pb.AmbientOcclusion, "strength")
 
 
 @dataclass(frozen=True)
@@ -249,7 +243,7 @@ class Silhouette:
         color: default black.
     """
 
-    width: int = 2
+    width: int = int(_default(pb.Silhouette, "width_px"))
     color: ColorLike | None = None
 
 

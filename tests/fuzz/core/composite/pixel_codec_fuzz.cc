@@ -71,8 +71,8 @@ void DecodeBand(int width, int height, const composite::SurfaceCounts& surfaces,
     return;
   }
   Require(HasKnownOwners(picture.opaque, surfaces.opaque), "opaque pixels have known surfaces");
-  for (const image::FrameImage* level : picture.layers.Levels()) {
-    Require(HasKnownOwners(*level, surfaces.layers), "layers have known surfaces");
+  for (const image::FrameImage* layer_image : picture.layers.LayerImages()) {
+    Require(HasKnownOwners(*layer_image, surfaces.layers), "layers have known surfaces");
   }
   RequireRoundTrip(picture);
   Picture twice(width, height);

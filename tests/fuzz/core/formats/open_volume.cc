@@ -34,9 +34,9 @@ void RequireSourceError(const absl::Status& status) {
 
 // All samples, `rows` rows at a time.
 absl::StatusOr<std::string> ReadSamples(source::VolumeSource* volume, std::int64_t rows) {
-  const math::Index3& dims = volume->geometry().sample_dims;
+  const math::Index3& dims = volume->info().geometry.sample_dims;
   const std::int64_t row_bytes =
-      dims.x * static_cast<std::int64_t>(volume::SizeOf(volume->scalar_type()));
+      dims.x * static_cast<std::int64_t>(volume::SizeOf(volume->info().type));
   const std::int64_t row_count = dims.y * dims.z;
   std::string samples;
   for (std::int64_t begin = 0; begin < row_count; begin += rows) {
@@ -54,8 +54,8 @@ absl::StatusOr<std::string> ReadSamples(source::VolumeSource* volume, std::int64
 }
 
 void ReadVolume(source::VolumeSource* volume) {
-  const math::Index3& dims = volume->geometry().sample_dims;
-  const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(volume->scalar_type()));
+  const math::Index3& dims = volume->info().geometry.sample_dims;
+  const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(volume->info().type));
   if (math::Volume(dims) > kMaxReadBytes / sample_bytes) {
     return;
   }
@@ -76,8 +76,8 @@ void CheckVolume(const absl::StatusOr<std::unique_ptr<source::VolumeSource>>& vo
     RequireSourceError(volume.status());
     return;
   }
-  Require(volume::Validate((*volume)->geometry()).ok(), "an open volume has a valid grid");
-  Require((*volume)->memory_bytes() >= 0, "memory is no negative number");
+  Require(volume::Validate((*volume)->info().geometry).ok(), "an open volume has a valid grid");
+  Require((*volume)->info().memory_bytes >= 0, "memory is no negative number");
   ReadVolume(volume->get());
 }
 
@@ -117,13 +117,13 @@ void OpenAndReadSeries(const std::string& path) {
     return;
   }
   constexpr std::size_t kMaxFields = 3;
-  const std::size_t fields = std::min((*series)->fields().size(), kMaxFields);
+  const std::size_t fields = std::min((*series)->info().fields.size(), kMaxFields);
   Require(fields > 0, "a series has a field");
   for (std::size_t field = 0; field < fields; ++field) {
-    const auto components = static_cast<int>((*series)->fields()[field].components.size());
+    const auto components = static_cast<int>((*series)->info().fields[field].components.size());
     Require(components > 0, "a field has a component");
     for (const int component : {0, components - 1}) {
-      for (const int step : {0, (*series)->step_count() - 1}) {
+      for (const int step : {0, (*series)->info().step_count() - 1}) {
         CheckVolume((*series)->Open(static_cast<int>(field), component, step));
       }
     }

@@ -72,14 +72,15 @@ std::vector<std::string> Seeds() {
   for (int encoding = 0; encoding < 3; ++encoding) {
     for (const char type : {'\0', '\3', '\6'}) {  // uint8, int16, float32
       std::string stored;
-      const absl::string_view of_block = absl::string_view(samples).substr(0, 1456);
-      const auto used = store::EncodeBlock(static_cast<BlockEncoding>(encoding),
-                                           static_cast<ScalarType>(1 + type), of_block, &stored);
+      const absl::string_view block_samples = absl::string_view(samples).substr(0, 1456);
+      const auto used =
+          store::EncodeBlock(static_cast<BlockEncoding>(encoding),
+                             static_cast<ScalarType>(1 + type), block_samples, &stored);
       const std::string head{type, static_cast<char>(1456 % 256), static_cast<char>(1456 / 256)};
       seeds.push_back(std::string(1, static_cast<char>(used)) + head + stored);
       // 129, 130, 131: encodings 0, 1, 2 there and back.
       seeds.push_back(std::string(1, static_cast<char>(129 + encoding)) + head +
-                      std::string(of_block));
+                      std::string(block_samples));
     }
   }
   return seeds;

@@ -15,7 +15,6 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/session/source_flags.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/cli/interrupt.h"
@@ -389,15 +388,6 @@ TEST(CommandTest, AbsentServerIsNamedWithAWayToStartOne) {
   EXPECT_THAT(outcome.err,
               StartsWith("isoscope: UNAVAILABLE: no coordinator answers at 127.0.0.1:1"));
   EXPECT_THAT(outcome.err, HasSubstr("isoscope serve"));
-}
-
-TEST(CommandTest, SelfDescribingNamesAreKnownInAnyCase) {
-  for (const char* name : {"a.nii", "a.nii.gz", "a.NRRD", "a.nhdr", "b/a.mha", "a.mhd", "a.hdr"}) {
-    EXPECT_TRUE(HasSelfDescribingName(name)) << name;
-  }
-  for (const char* name : {"a.raw", "a.nrrd.raw", "a", "nii", "a.gz"}) {
-    EXPECT_FALSE(HasSelfDescribingName(name)) << name;
-  }
 }
 
 class GenerateTest : public ::testing::Test {

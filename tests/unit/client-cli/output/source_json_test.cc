@@ -131,14 +131,14 @@ TEST(EstimatePartitionTest, IsNearWhatPartitionMakes) {
 }
 
 TEST(DicomSeriesTextTest, ListsWhatCanBeChosen) {
-  const Json json = DicomSeriesToJson({{.uid = "1.2.3",
-                                        .number = 4,
-                                        .description = "T1 \033 axial",
-                                        .width = 512,
-                                        .height = 256,
-                                        .images = 30,
-                                        .first_file = "d/a.dcm"}});
-  const std::string text = DescribeDicomSeries(json, "d");
+  const Json json = SeriesEntriesToJson({{.uid = "1.2.3",
+                                          .number = 4,
+                                          .description = "T1 \033 axial",
+                                          .width = 512,
+                                          .height = 256,
+                                          .images = 30,
+                                          .first_file = "d/a.dcm"}});
+  const std::string text = DescribeSeriesEntries(json, "d");
   EXPECT_THAT(text, HasSubstr("T1 ? axial"));
   EXPECT_THAT(text, HasSubstr("1.2.3"));
   EXPECT_THAT(text, HasSubstr("isoscope info d --series 4"));
@@ -146,17 +146,17 @@ TEST(DicomSeriesTextTest, ListsWhatCanBeChosen) {
 }
 
 TEST(DicomSeriesTextTest, AdvisesTheUidOfSeriesThatShareTheirNumber) {
-  const std::string text = DescribeDicomSeries(
-      DicomSeriesToJson({{.uid = "1.2.3", .number = 4}, {.uid = "1.2.4", .number = 4}}), "d");
+  const std::string text = DescribeSeriesEntries(
+      SeriesEntriesToJson({{.uid = "1.2.3", .number = 4}, {.uid = "1.2.4", .number = 4}}), "d");
   EXPECT_THAT(text, HasSubstr("--series 1.2.3"));
   EXPECT_THAT(text, Not(HasSubstr("folder")));
 }
 
 TEST(DicomSeriesTextTest, SeriesInFoldersBelowAreListedWithTheirFolders) {
   const std::string text =
-      DescribeDicomSeries(DicomSeriesToJson({{.uid = "1.2.3", .number = 4, .folder = "a/\033b"},
-                                             {.uid = "1.2.4", .number = 5}}),
-                          "d");
+      DescribeSeriesEntries(SeriesEntriesToJson({{.uid = "1.2.3", .number = 4, .folder = "a/\033b"},
+                                                 {.uid = "1.2.4", .number = 5}}),
+                            "d");
   EXPECT_THAT(text, HasSubstr("folder"));
   EXPECT_THAT(text, HasSubstr("a/?b"));
 }

@@ -108,9 +108,10 @@ TEST(WantedVolumesTest, AnExactNameWithColonsComesFirst) {
 }
 
 TEST(WantedVolumesTest, FieldOnAnotherGridIsNamedWithThePathThatOpensIt) {
-  partition::MemorySeries flow = Flow();
-  flow.path = "run.nc";
-  flow.elsewhere = {"q"};
+  source::SeriesInfo info = Flow().info();
+  info.name = "run.nc";
+  info.fields_elsewhere = {"q"};
+  partition::MemorySeries flow(info);
   for (const char* field : {"q", "q:x"}) {
     EXPECT_THAT(ChooseVolumes(WithField(field), flow),
                 StatusIs(absl::StatusCode::kInvalidArgument,

@@ -87,14 +87,15 @@ TEST(PictureDisplayTest, AFileGetsThePictureAsItIs) {
 }
 
 TEST(FormatOfTest, BlocksHaveTheColoursOfTheTerminal) {
-  const auto of_term = [](const std::string& term) {
+  const auto terminal_named = [](const std::string& term) {
     return [term](const char* name) { return name == std::string("TERM") ? term : ""; };
   };
-  EXPECT_EQ(FormatOf(ShowMode::kBlocks, of_term("xterm-direct")), PictureFormat::kBlocks24Bit);
-  EXPECT_EQ(FormatOf(ShowMode::kBlocks, of_term("xterm")), PictureFormat::kBlocks256);
-  EXPECT_EQ(FormatOf(ShowMode::kBlocks, of_term("dumb")), PictureFormat::kBlocks256);
-  EXPECT_EQ(FormatOf(ShowMode::kSixel, of_term("dumb")), PictureFormat::kSixel);
-  EXPECT_EQ(FormatOf(ShowMode::kAuto, of_term("xterm-direct")), std::nullopt);
+  EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("xterm-direct")),
+            PictureFormat::kBlocks24Bit);
+  EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("xterm")), PictureFormat::kBlocks256);
+  EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("dumb")), PictureFormat::kBlocks256);
+  EXPECT_EQ(FormatOf(ShowMode::kSixel, terminal_named("dumb")), PictureFormat::kSixel);
+  EXPECT_EQ(FormatOf(ShowMode::kAuto, terminal_named("xterm-direct")), std::nullopt);
 }
 
 }  // namespace

@@ -92,11 +92,11 @@ TEST(ViewControlsTest, NamedViewsAndReset) {
             view::MakeNamedCamera(view::NamedView::kTop, kVolume.bounds, std::nullopt).value());
   const ViewedVolume patient{
       .bounds = kVolume.bounds, .patient_frame = volume::PatientFrame(), .values = {0, 255}};
-  ViewControls of_patient(patient, 60);
-  Type("5", &of_patient);
-  EXPECT_EQ(of_patient.camera(), view::MakeNamedCamera(view::NamedView::kSuperior, kVolume.bounds,
-                                                       volume::PatientFrame())
-                                     .value());
+  ViewControls patient_controls(patient, 60);
+  Type("5", &patient_controls);
+  EXPECT_EQ(patient_controls.camera(), view::MakeNamedCamera(view::NamedView::kSuperior,
+                                                             kVolume.bounds, volume::PatientFrame())
+                                           .value());
   Type("]+hr", &controls);
   EXPECT_EQ(controls.camera(), view::MakeDefaultCamera(kVolume.bounds));
   EXPECT_EQ(controls.isovalue(), 60);

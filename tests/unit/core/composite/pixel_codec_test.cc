@@ -162,9 +162,9 @@ TEST(PixelCodecTest, AnImageHasNoMoreBandsThanItsPixelsNeed) {
       gaps.Set(x, 908 + y, image::FragmentKey(0.25F, 4), {4, 5, 6, 255});
     }
   }
-  const std::vector<std::string> of_gaps = EncodePixels(gaps);
-  EXPECT_EQ(of_gaps.size(), 2U);
-  EXPECT_EQ(Decode(of_gaps, gaps.width, gaps.height), gaps);
+  const std::vector<std::string> gap_bands = EncodePixels(gaps);
+  EXPECT_EQ(gap_bands.size(), 2U);
+  EXPECT_EQ(Decode(gap_bands, gaps.width, gaps.height), gaps);
 }
 
 TEST(PixelCodecTest, BandsOfManyImagesCanBeCompositedAtTheSameTimeWithLocks) {
@@ -456,7 +456,7 @@ TEST(PixelCodecTest, LayersComeBackFromAnyAgentsInAnyOrder) {
     ISOSCOPE_ASSERT_OK(DecodePixelsInto(band, kLayerOrder, {0, 3}, &image, nullptr, &decoded));
   }
   EXPECT_TRUE(decoded == expected);
-  EXPECT_EQ(decoded.Levels().size(), 3U);
+  EXPECT_EQ(decoded.LayerImages().size(), 3U);
   EXPECT_TRUE(image == image::FrameImage(70, 40)) << "layers are not opaque";
   EXPECT_THAT(EncodeLayers(make()), IsEmpty());
   EXPECT_THAT(EncodeLayers(image::LayerStack()), IsEmpty());
@@ -481,20 +481,20 @@ TEST(PixelCodecTest, OwnersBeyondTheFramesSurfacesAreDataLossAndLeaveTheImage) {
     const auto decode = [&](const std::vector<std::string>& bands) {
       return DecodePixelsInto(bands.front(), kOf50Blocks, kOf4And3, &into, nullptr, &into_layers);
     };
-    const absl::Status of_layers = decode(EncodeLayers(layers));
-    const absl::Status of_opaque = decode(EncodePixels(opaque));
+    const absl::Status layers_status = decode(EncodeLayers(layers));
+    const absl::Status opaque_status = decode(EncodePixels(opaque));
     if (owner < 150) {
-      ISOSCOPE_EXPECT_OK(of_layers);
+      ISOSCOPE_EXPECT_OK(layers_status);
       EXPECT_TRUE(into_layers == layers);
     } else {
-      EXPECT_THAT(of_layers, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("150"))) << owner;
+      EXPECT_THAT(layers_status, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("150"))) << owner;
       EXPECT_TRUE(into_layers.empty());
     }
     if (owner < 200) {
-      ISOSCOPE_EXPECT_OK(of_opaque);
+      ISOSCOPE_EXPECT_OK(opaque_status);
       EXPECT_EQ(into, opaque);
     } else {
-      EXPECT_THAT(of_opaque, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("200"))) << owner;
+      EXPECT_THAT(opaque_status, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("200"))) << owner;
       EXPECT_EQ(into, image::FrameImage(20, 20));
     }
   }

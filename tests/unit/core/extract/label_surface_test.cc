@@ -448,12 +448,12 @@ TEST(LabelSurfaceTest, LabelsThatMeetShareTheirTrianglesInCellsOfTwo) {
     for (int b = a + 1; b < 4; ++b) {
       const InsideRule rule_a = InsideRule::OfLabels({static_cast<double>(a)});
       const InsideRule rule_b = InsideRule::OfLabels({static_cast<double>(b)});
-      const std::multiset<Triangle> of_a =
+      const std::multiset<Triangle> a_triangles =
           InCellsOf(volume, Join(ExtractBlocks(volume, {8, 8, 8}, rule_a)), a, b);
-      const std::multiset<Triangle> of_b =
+      const std::multiset<Triangle> b_triangles =
           InCellsOf(volume, Join(ExtractBlocks(volume, {5, 4, 7}, rule_b)), a, b);
-      EXPECT_EQ(of_a, Reversed(of_b)) << a << ", " << b;
-      shared += of_a.size();
+      EXPECT_EQ(a_triangles, Reversed(b_triangles)) << a << ", " << b;
+      shared += a_triangles.size();
     }
   }
   EXPECT_GT(shared, 1000U);

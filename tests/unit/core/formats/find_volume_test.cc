@@ -55,9 +55,9 @@ TEST_F(FindVolumeTest, AFolderIsAFolderWhateverItsName) {
     }
     for (const std::string& path : {dir_.Sub(name), absl::StrCat(dir_.Sub(name), "/")}) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FoundVolume found, FindVolume(path));
-      EXPECT_EQ(found.kind, SourceKind::kTiff) << path;
+      EXPECT_EQ(found.format->name, "TIFF") << path;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-      EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 3})) << path;
+      EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 3, 3})) << path;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
       EXPECT_EQ(files.size(), 3U) << path;
     }
@@ -73,20 +73,20 @@ TEST_F(FindVolumeTest, WhateverIsOneVolumeIsASeriesOfOneFieldAndOneStep) {
         Write("head.mha", testing::MetaHeader(kDims, "MET_SHORT", "LOCAL") + samples),
         Write("head.nii.gz", testing::Gzip(testing::NiftiHeaderBytes(nifti) + samples))}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    EXPECT_EQ(series->name(), path);
-    ASSERT_EQ(series->fields().size(), 1u);
-    EXPECT_EQ(series->fields()[0].name, "head");
-    EXPECT_THAT(series->fields()[0].components, ElementsAre(""));
-    EXPECT_EQ(series->fields()[0].unit, "");
-    EXPECT_THAT(series->times(), IsEmpty());
-    EXPECT_EQ(series->step_count(), 1);
-    EXPECT_EQ(series->time_unit(), "");
-    EXPECT_EQ(series->length_unit(), path.ends_with(".nii.gz") ? "mm" : "");
+    EXPECT_EQ(series->info().name, path);
+    ASSERT_EQ(series->info().fields.size(), 1u);
+    EXPECT_EQ(series->info().fields[0].name, "head");
+    EXPECT_THAT(series->info().fields[0].components, ElementsAre(""));
+    EXPECT_EQ(series->info().fields[0].unit, "");
+    EXPECT_THAT(series->info().times, IsEmpty());
+    EXPECT_EQ(series->info().step_count(), 1);
+    EXPECT_EQ(series->info().time_unit, "");
+    EXPECT_EQ(series->info().length_unit, path.ends_with(".nii.gz") ? "mm" : "");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plain, OpenVolumeFile(path));
     for (int round = 0; round < 2; ++round) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-      EXPECT_EQ(volume->geometry(), plain->geometry());
-      EXPECT_EQ(volume->patient_frame().has_value(), plain->patient_frame().has_value());
+      EXPECT_EQ(volume->info().geometry, plain->info().geometry);
+      EXPECT_EQ(volume->info().patient_frame.has_value(), plain->info().patient_frame.has_value());
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
       EXPECT_TRUE(read == samples);
     }
@@ -100,29 +100,29 @@ TEST_F(FindVolumeTest, VtkFilesAreSeriesByTheirEnding) {
                 .fields = {{.name = "p", .type = "UInt8", .samples = std::string(24, 'p')},
                            {.name = "q", .type = "UInt8", .samples = std::string(24, 'q')}}}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto both, OpenVolumeSeries(image));
-  EXPECT_EQ(both->fields().size(), 2u);
+  EXPECT_EQ(both->info().fields.size(), 2u);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeSeries(image + ":q"));
-  ASSERT_EQ(one->fields().size(), 1u);
-  EXPECT_EQ(one->fields()[0].name, "q");
+  ASSERT_EQ(one->info().fields.size(), 1u);
+  EXPECT_EQ(one->info().fields[0].name, "q");
   const std::string pvd = Write("run.pvd",
                                 "<VTKFile><Collection><DataSet timestep=\"3\" file=\"a.VTI\"/>"
                                 "</Collection></VTKFile>");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto steps, OpenVolumeSeries(pvd));
-  EXPECT_THAT(steps->times(), ElementsAre(3));
+  EXPECT_THAT(steps->info().times, ElementsAre(3));
   const std::string pieces = Write(
       "a.pvti",
       "<VTKFile><PImageData WholeExtent=\"0 3 0 2 0 1\" Origin=\"10 20 30\" Spacing=\"0.5 2 4\">"
       "<PPointData><PDataArray type=\"UInt8\" Name=\"q\"/></PPointData>"
       "<Piece Extent=\"0 3 0 2 0 1\" Source=\"a.VTI\"/></PImageData></VTKFile>");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tiled, OpenVolumeSeries(pieces));
-  EXPECT_EQ(tiled->fields()[0].name, "q");
+  EXPECT_EQ(tiled->info().fields[0].name, "q");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, tiled->Open(0, 0, 0));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 2));
   EXPECT_EQ(read, std::string(24, 'q'));
   // A single volume of it, and its files, also as a step.
   for (const std::string& path : {pieces, pieces + ":q"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto only, OpenVolumeFile(path));
-    EXPECT_EQ(only->geometry(), volume->geometry());
+    EXPECT_EQ(only->info().geometry, volume->info().geometry);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
     EXPECT_THAT(files, ElementsAre(pieces, image));
   }
@@ -153,6 +153,45 @@ TEST_F(FindVolumeTest, NiftiIsKnownByContentIfItIsForced) {
   EXPECT_FALSE(OpenVolumeSeries(Write("a.mgh", testing::MghBytes({}) + samples),
                                 {.axes = "", .format = "nifti"})
                    .ok());
+}
+
+TEST_F(FindVolumeTest, ANameSaysInAnyCaseThatAFileHasItsOwnDimensions) {
+  for (const char* name : {"a.nii", "a.nii.gz", "a.NRRD", "a.nhdr", "b/a.mha", "a.mhd", "a.hdr",
+                           "a.dcm", "a.h5:/d", "a.vti:p", "a.pvd", "a.MRC", "a.tiff", "a*.tif"}) {
+    EXPECT_TRUE(NamesFormat(name)) << name;
+  }
+  for (const char* name : {"a.raw", "a.nrrd.raw", "a", "nii", "a.gz"}) {
+    EXPECT_FALSE(NamesFormat(name)) << name;
+  }
+}
+
+// Symptom: with one order by names and another by content, such files were taken for the first
+// format of that name.
+TEST_F(FindVolumeTest, ContentDecidesAmongFormatsThatShareNames) {
+  const auto format_of = [&](const std::string& path) {
+    const auto found = FindVolume(path);
+    return found.ok() ? std::string(found->format->name) : found.status().ToString();
+  };
+  const std::string dicom = std::string(128, '\0') + "DICM" + std::string(600, '\0');
+  EXPECT_EQ(format_of(Write("a.img", dicom)), "DICOM") << "without a header beside it";
+  EXPECT_EQ(format_of(Write("b.hdr", dicom)), "DICOM");
+  EXPECT_EQ(format_of(Write("c", dicom)), "DICOM");
+  EXPECT_EQ(format_of(Write("d.hdr", testing::NiftiHeaderBytes({.dims = kDims}))), "NIfTI-1");
+  EXPECT_EQ(format_of(Write("e.nii", testing::Nifti2Bytes({.dims = kDims}))), "NIfTI-2");
+  EXPECT_EQ(format_of(Write("f.nii", "text")), "NIfTI") << "its reader says why it is not";
+  EXPECT_EQ(format_of(Write("g", "NRRD0004\n")), "NRRD");
+  EXPECT_EQ(format_of(Write("h.mha", "NRRD0004\n")), "MetaImage") << "the name decides";
+}
+
+TEST_F(FindVolumeTest, AFormatIsForcedByItsNameInAnyCase) {
+  const std::string path = Write("a.mgz", "NRRD0004\n");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FoundVolume found, FindVolume(path, "NRRD"));
+  EXPECT_EQ(found.format->name, "NRRD");
+  for (const char* name : {"hdf5", "vti", "slices", "vdb"}) {
+    EXPECT_THAT(FindVolume(path, name),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("expected one of nifti, nrrd, metaimage, dicom, mrc")));
+  }
 }
 
 TEST_F(FindVolumeTest, ErrorsAreThoseOfTheFormat) {

@@ -1,12 +1,16 @@
 #include "core/formats/format_table.h"
 
+#include <algorithm>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/string_view.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/formats/find_volume.h"
 #include "core/formats/open_volume.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
@@ -39,23 +43,55 @@ TEST(FormatTest, EndingsAreInLowerCaseAndBelongToOneFormat) {
   }
 }
 
+TEST(FormatTest, EachIsListedByItsNameAndItsFiles) {
+  const std::vector<FormatName> names = FormatNames();
+  ASSERT_EQ(names.size(), Formats().size());
+  const auto files_of = [&](absl::string_view name) {
+    return std::find_if(names.begin(), names.end(),
+                        [&](const FormatName& format) { return format.name == name; })
+        ->files;
+  };
+  EXPECT_EQ(files_of("nrrd"), ".nrrd .nhdr");
+  EXPECT_EQ(files_of("nifti-1"), "by content");
+  EXPECT_EQ(files_of("legacy-vtk"), ".vtk");
+  EXPECT_EQ(files_of("tiff"), ".tif .tiff .lsm, a folder of them, or a pattern");
+}
+
+TEST(FormatTest, AxesAreForTheFormatsThatTakeThem) {
+  const auto check = [](const char* format, const char* axes) {
+    return CheckAxes(*FindFormat(format), "a", axes);
+  };
+  ISOSCOPE_EXPECT_OK(check("nrrd", ""));
+  ISOSCOPE_EXPECT_OK(check("hdf5", "TZYX"));
+  ISOSCOPE_EXPECT_OK(check("slices", "Z"));
+  for (const absl::Status& status : {check("nrrd", "TZ"), check("slices", "TZ")}) {
+    EXPECT_THAT(
+        status,
+        StatusIs(absl::StatusCode::kInvalidArgument,
+                 HasSubstr("a: --axes TZ: the axes of this kind of file have their meaning; "
+                           "--axes is for datasets of HDF5 files, for TIFF, for netCDF, as "
+                           "--axes Z for slices in any order of numbers")));
+  }
+}
+
 TEST(FormatTest, APathNamesAFileAndAPart) {
-  const auto found = FindFormatFileByName("/d/run.MRC:p:1");
+  const testing::TempDir dir;
+  testing::WriteFile(dir.Sub("run.MRC"), testing::MrcBytes({}, ""));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto found, FindByName(dir.Sub("run.MRC:p:1")));
   ASSERT_TRUE(found.has_value());
   EXPECT_EQ(found->format->name, "MRC");
-  EXPECT_EQ(found->file, "/d/run.MRC");
-  EXPECT_EQ(found->part, "p:1");
-  EXPECT_FALSE(FindFormatFileByName("/d/run.nrrd").has_value());
+  EXPECT_EQ(found->request.file, dir.Sub("run.MRC"));
+  EXPECT_EQ(found->request.part, "p:1");
 }
 
 TEST(FormatTest, ContentDecidesWhereTheNameDoesNot) {
   const testing::TempDir dir;
   testing::WriteFile(dir.Sub("map"), testing::MrcBytes({}, ""));
   testing::WriteFile(dir.Sub("text"), "text");
-  EXPECT_EQ(FindFormatFileByContent(dir.Sub("map"))->format->name, "MRC");
-  EXPECT_FALSE(FindFormatFileByContent(dir.Sub("text")).has_value());
-  EXPECT_FALSE(FindFormatFileByContent(dir.Sub("none")).has_value());
-  EXPECT_FALSE(FindFormatFileByContent(dir.path()).has_value());
+  EXPECT_EQ(FindByContent(dir.Sub("map"))->format->name, "MRC");
+  EXPECT_FALSE(FindByContent(dir.Sub("text")).has_value());
+  EXPECT_FALSE(FindByContent(dir.Sub("none")).has_value());
+  EXPECT_FALSE(FindByContent(dir.path()).has_value());
 }
 
 TEST(FormatTest, SaysWhatThereIsNot) {

@@ -134,13 +134,13 @@ TEST_F(OpenedRequestTest, PlacesThenCropsThenSelects) {
   request.fields = {"density"};
   request.time = 4.5;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(request));
-  EXPECT_EQ(series->fields()[0].name, "density");
-  EXPECT_THAT(series->times(), ElementsAre(4.5));
+  EXPECT_EQ(series->info().fields[0].name, "density");
+  EXPECT_THAT(series->info().times, ElementsAre(4.5));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-  EXPECT_EQ(volume->geometry().spacing, (math::Vec3d{2, 2, 2}));
-  EXPECT_EQ(volume->geometry().origin, (math::Vec3d{12, 0, 0}));
-  EXPECT_EQ(volume->scalar_type(), volume::ScalarType::kFloat32);
-  EXPECT_EQ(volume->note(), "") << "a raw file has no grid of its own";
+  EXPECT_EQ(volume->info().geometry.spacing, (math::Vec3d{2, 2, 2}));
+  EXPECT_EQ(volume->info().geometry.origin, (math::Vec3d{12, 0, 0}));
+  EXPECT_EQ(volume->info().type, volume::ScalarType::kFloat32);
+  EXPECT_EQ(volume->info().note, "") << "a raw file has no grid of its own";
   request.stride = 2;
   request.crop.reset();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto strided, Open(request));
@@ -219,7 +219,7 @@ TEST_F(OpenedRequestTest, ADirectionTakesAFileThatWouldBeRefusedForItsShear) {
   request.grid.direction = math::Mat3d();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-  EXPECT_EQ(volume->geometry().direction, math::Mat3d());
+  EXPECT_EQ(volume->info().geometry.direction, math::Mat3d());
 }
 
 }  // namespace

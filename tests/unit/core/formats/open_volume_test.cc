@@ -90,8 +90,8 @@ std::string ReadByItk(itk::ImageIOBase* io, const std::string& path) {
 void ExpectSamples(const std::string& path, volume::ScalarType type, const std::string& expected) {
   SCOPED_TRACE(path);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-  EXPECT_EQ(source->scalar_type(), type);
-  EXPECT_EQ(source->geometry().sample_dims, kDims);
+  EXPECT_EQ(source->info().type, type);
+  EXPECT_EQ(source->info().geometry.sample_dims, kDims);
   for (const std::int64_t planes : {1, 2, 5, 3}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, planes));
     EXPECT_TRUE(samples == expected) << "slabs of " << planes;
@@ -101,7 +101,7 @@ void ExpectSamples(const std::string& path, volume::ScalarType type, const std::
 void ExpectObliqueGeometry(const std::string& path) {
   SCOPED_TRACE(path);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-  const math::Mat4d to_world = source->geometry().world_from_index();
+  const math::Mat4d to_world = source->info().geometry.world_from_index();
   const auto expect_near = [](const math::Vec3d& a, const math::Vec3d& b) {
     EXPECT_NEAR(math::Length(a - b), 0, 1e-5) << a.x << " " << a.y << " " << a.z;
   };
@@ -109,7 +109,7 @@ void ExpectObliqueGeometry(const std::string& path) {
   expect_near(math::TransformVector(to_world, {1, 0, 0}), {0, 1.5, 0});
   expect_near(math::TransformVector(to_world, {0, 1, 0}), {-2, 0, 0});
   expect_near(math::TransformVector(to_world, {0, 0, 1}), {0, 0, 3});
-  expect_near(source->geometry().spacing, {1.5, 2, 3});
+  expect_near(source->info().geometry.spacing, {1.5, 2, 3});
 }
 
 class OpenVolumeTest : public ::testing::Test {
@@ -217,21 +217,21 @@ TEST_F(OpenVolumeTest, FilesThatSayHowTheyLieInThePatientHaveAPatientFrame) {
   for (const Row& row : rows) {
     SCOPED_TRACE(row.space);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(write_nrrd(row.space)));
-    EXPECT_EQ(source->patient_frame().has_value(), row.has_frame);
+    EXPECT_EQ(source->info().patient_frame.has_value(), row.has_frame);
     if (row.has_frame) {
-      EXPECT_EQ(source->patient_frame()->name(), "LPS");
+      EXPECT_EQ(source->info().patient_frame->info().name, "LPS");
     }
-    EXPECT_EQ(source->geometry().origin, row.origin);
+    EXPECT_EQ(source->info().geometry.origin, row.origin);
   }
   std::string nifti = NiftiHeaderBytes({.dims = kDims, .datatype = 2}) + samples;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto source, OpenVolumeFile(Write("a.nii", nifti)));
-  EXPECT_EQ(source->patient_frame(), volume::PatientFrame());
+  EXPECT_EQ(source->info().patient_frame, volume::PatientFrame());
   nifti[254] = 0;  // sform_code: unknown, as qform_code is
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(Write("a.nii", nifti)));
-  EXPECT_FALSE(source->patient_frame().has_value());
+  EXPECT_FALSE(source->info().patient_frame.has_value());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       source, OpenVolumeFile(Write("a.mha", MetaHeader(kDims, "MET_UCHAR", "LOCAL") + samples)));
-  EXPECT_FALSE(source->patient_frame().has_value());
+  EXPECT_FALSE(source->info().patient_frame.has_value());
 }
 
 // Files a1, a2, ... of `count` shares of the samples each, and their names, a line each.
@@ -367,7 +367,7 @@ TEST_F(OpenVolumeTest, ObliqueGeometryIsKeptAndRasBecomesLps) {
   const std::string nifti =
       Write("a.nii", NiftiHeaderBytes({.dims = kDims, .datatype = 4}) + samples);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(nifti));
-  const math::Mat4d to_world = source->geometry().world_from_index();
+  const math::Mat4d to_world = source->info().geometry.world_from_index();
   const math::Vec3d far = math::TransformPoint(to_world, {1, 1, 1});
   EXPECT_NEAR(far.x, -(10 - 2), 1e-5);
   EXPECT_NEAR(far.y, -(20 + 1.5), 1e-5);
@@ -484,7 +484,7 @@ TEST_F(OpenVolumeTest, VectorsAreRefusedAndSixtyFourBitIntegersWhereTheyAreNotEx
   const std::string wide = Write(
       "wide.nrrd", NrrdHeader({4, 4, 4}, "unsigned long long", "raw") + std::string(512, 'x'));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto large, OpenVolumeFile(wide));
-  EXPECT_EQ(large->scalar_type(), volume::ScalarType::kFloat64);
+  EXPECT_EQ(large->info().type, volume::ScalarType::kFloat64);
   EXPECT_THAT(ReadAll(*large, 1).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("(0, 0, 0) is 868082")));
   const auto nifti = [this](std::int16_t datatype) {
@@ -517,12 +517,13 @@ TEST_F(OpenVolumeTest, NiftiSformHoldsWhereTheQformDiffers) {
   for (const char sform_code : {char{1}, char{2}, char{4}}) {
     std::string header = NiftiHeaderBytes({.dims = kDims, .datatype = 2});
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto source, OpenVolumeFile(Write("a.nii", header + samples)));
-    const math::Mat4d expected = source->geometry().world_from_index();
+    const math::Mat4d expected = source->info().geometry.world_from_index();
     header[252] = 2;
     header[254] = sform_code;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(Write("a.nii", header + samples)));
     for (const math::Vec3d& index : {math::Vec3d{0, 0, 0}, math::Vec3d{6, 5, 4}}) {
-      const math::Vec3d found = math::TransformPoint(source->geometry().world_from_index(), index);
+      const math::Vec3d found =
+          math::TransformPoint(source->info().geometry.world_from_index(), index);
       EXPECT_LT(math::Length(found - math::TransformPoint(expected, index)), 1e-5);
       EXPECT_GT(math::Length(found), 1) << "the corner of the qform is the origin of the world";
     }
@@ -746,9 +747,9 @@ TEST_F(OpenVolumeTest, RawFileOfEveryTypeAndByteOrder) {
                                   OpenRawFile(Write("a.raw", "HDR" + samples), format));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*little, 2));
     EXPECT_TRUE(read == samples);
-    EXPECT_EQ(little->geometry().spacing, (math::Vec3d{1, 1, 1}));
-    EXPECT_EQ(little->geometry().origin, math::Vec3d());
-    EXPECT_EQ(little->geometry().direction, math::Mat3d{});
+    EXPECT_EQ(little->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
+    EXPECT_EQ(little->info().geometry.origin, math::Vec3d());
+    EXPECT_EQ(little->info().geometry.direction, math::Mat3d{});
     format.is_big_endian = true;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const auto big,
@@ -786,7 +787,7 @@ TEST_F(OpenVolumeTest, MemorySourceGivesItsSamples) {
   const auto source = testing::MakeMemorySource(
       {.sample_dims = kDims, .spacing = {1, 1, 1}, .origin = {}, .direction = {}},
       volume::ScalarType::kUint16, samples, "noise");
-  EXPECT_EQ(source->name(), "noise");
+  EXPECT_EQ(source->info().name, "noise");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
   EXPECT_TRUE(read == samples);
 }
@@ -797,7 +798,7 @@ TEST(MricronTest, HeadOfDebianIsReadAsItkReadsIt) {
     ISOSCOPE_SKIP("head", path + " is absent: install Debian's mricron-data");
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{181, 217, 181}));
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{181, 217, 181}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, 16));
   auto io = itk::NiftiImageIO::New();
   EXPECT_TRUE(ReadByItk(io, path) == samples);

@@ -427,8 +427,8 @@ class SourceFilesTest : public ::testing::TestWithParam<Kind> {
   // Reads all volumes to the end.
   static void ReadEverything(const OpenRequest& request) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(request));
-    for (std::size_t field = 0; field < series->fields().size(); ++field) {
-      for (int step = 0; step < series->step_count(); ++step) {
+    for (std::size_t field = 0; field < series->info().fields.size(); ++field) {
+      for (int step = 0; step < series->info().step_count(); ++step) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
                                       series->Open(static_cast<int>(field), 0, step));
         ISOSCOPE_EXPECT_OK(ReadAll(*volume, 1).status());
@@ -464,7 +464,7 @@ TEST_P(SourceFilesTest, EachOfThemChangesTheIdentityThoughSizeAndTimeAreKept) {
   const OpenRequest request = GetParam().make(dir_);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto opened, OpenIdentified(request));
   std::vector<std::string> before;
-  for (int step = 0; step < opened->step_count(); ++step) {
+  for (int step = 0; step < opened->info().step_count(); ++step) {
     before.push_back(opened->IdentityOfStep(step).value());
   }
   for (const std::string& name : GetParam().files) {
@@ -478,7 +478,7 @@ TEST_P(SourceFilesTest, EachOfThemChangesTheIdentityThoughSizeAndTimeAreKept) {
     EXPECT_NE(StampsOf(files).value(), stamps) << name;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto again, OpenIdentified(request));
     bool differs = name == "run.pvd";  // its steps are told by their files and times
-    for (int step = 0; step < again->step_count(); ++step) {
+    for (int step = 0; step < again->info().step_count(); ++step) {
       const std::string identity = again->IdentityOfStep(step).value();
       std::string& known = before[static_cast<std::size_t>(step)];
       differs = differs || identity != known;

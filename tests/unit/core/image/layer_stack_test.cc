@@ -40,8 +40,8 @@ std::vector<Layer> RandomLayers(std::uint64_t seed, int count) {
   return layers;
 }
 
-LayerStack StackOf(const std::vector<Layer>& layers, int max_levels, FrameImagePool* images) {
-  LayerStack stack(20, 20, max_levels, kOrder, images);
+LayerStack StackOf(const std::vector<Layer>& layers, int max_layers, FrameImagePool* images) {
+  LayerStack stack(20, 20, max_layers, kOrder, images);
   for (const Layer& layer : layers) {
     stack.Insert(layer.x, layer.y, layer.key, layer.color);
   }
@@ -51,38 +51,39 @@ LayerStack StackOf(const std::vector<Layer>& layers, int max_levels, FrameImageP
 TEST(LayerStackTest, KeepsTheFirstFragmentsOfEachPixelAsASortedListWould) {
   const auto images = FrameImagePool::Make(1 << 20);
   const std::vector<Layer> layers = RandomLayers(1, 4000);
-  for (const int max_levels : {1, 3, 16}) {
-    const LayerStack stack = StackOf(layers, max_levels, images.get());
+  for (const int max_layers : {1, 3, 16}) {
+    const LayerStack stack = StackOf(layers, max_layers, images.get());
     // By pixel: the winner for each (depth bits, surface).
     std::map<std::pair<int, int>, std::map<std::pair<std::uint64_t, std::uint32_t>, Layer>>
         expected;
     for (const Layer& layer : layers) {
-      auto& of_pixel = expected[{layer.y, layer.x}];
+      auto& pixel_layers = expected[{layer.y, layer.x}];
       const auto [kept, is_new] =
-          of_pixel.try_emplace({layer.key >> 32, kOrder.SurfaceOf(OwnerOf(layer.key))}, layer);
+          pixel_layers.try_emplace({layer.key >> 32, kOrder.SurfaceOf(OwnerOf(layer.key))}, layer);
       if (!is_new &&
           kOrder.IsBefore(layer.key, layer.color, kept->second.key, kept->second.color)) {
         kept->second = layer;
       }
     }
-    const std::vector<const FrameImage*> levels = stack.Levels();
-    ASSERT_LE(levels.size(), static_cast<std::size_t>(max_levels));
+    const std::vector<const FrameImage*> layer_images = stack.LayerImages();
+    ASSERT_LE(layer_images.size(), static_cast<std::size_t>(max_layers));
     for (int y = 0; y < 20; ++y) {
       for (int x = 0; x < 20; ++x) {
-        const auto& of_pixel = expected[{y, x}];
-        auto next = of_pixel.begin();
-        for (const FrameImage* level : levels) {
-          const std::size_t i = level->IndexOf(x, y);
+        const auto& pixel_layers = expected[{y, x}];
+        auto next = pixel_layers.begin();
+        for (const FrameImage* layer_image : layer_images) {
+          const std::size_t i = layer_image->IndexOf(x, y);
           const bool is_covered =
-              (level->CoveredOf(x / 16, y / 16)[static_cast<std::size_t>(y % 16)] >> (x % 16) &
+              (layer_image->CoveredOf(x / 16, y / 16)[static_cast<std::size_t>(y % 16)] >>
+                   (x % 16) &
                1) != 0;
-          ASSERT_EQ(is_covered, next != of_pixel.end());
-          ASSERT_EQ(level->keys[i], is_covered ? next->second.key : kBackgroundKey);
-          ASSERT_EQ(level->colors[i], is_covered ? next->second.color : Rgba8{});
+          ASSERT_EQ(is_covered, next != pixel_layers.end());
+          ASSERT_EQ(layer_image->keys[i], is_covered ? next->second.key : kBackgroundKey);
+          ASSERT_EQ(layer_image->colors[i], is_covered ? next->second.color : Rgba8{});
           next = is_covered ? std::next(next) : next;
         }
-        EXPECT_EQ(std::min(of_pixel.size(), static_cast<std::size_t>(max_levels)),
-                  static_cast<std::size_t>(std::distance(of_pixel.begin(), next)));
+        EXPECT_EQ(std::min(pixel_layers.size(), static_cast<std::size_t>(max_layers)),
+                  static_cast<std::size_t>(std::distance(pixel_layers.begin(), next)));
       }
     }
   }
@@ -102,12 +103,13 @@ TEST(LayerStackTest, NeitherOrderNorRepetitionNorPartsChangeIt) {
   const auto middle = layers.begin() + 1300;
   for (const std::vector<Layer>& part :
        {std::vector<Layer>(middle, layers.end()), std::vector<Layer>(layers.begin(), middle)}) {
-    const LayerStack of_part = StackOf(part, 4, images.get());
-    for (const FrameImage* level : of_part.Levels()) {
+    const LayerStack part_stack = StackOf(part, 4, images.get());
+    for (const FrameImage* layer_image : part_stack.LayerImages()) {
       for (int y = 0; y < 20; ++y) {
         for (int x = 0; x < 20; ++x) {
-          if (const std::size_t i = level->IndexOf(x, y); level->keys[i] != kBackgroundKey) {
-            merged.Insert(x, y, level->keys[i], level->colors[i]);
+          if (const std::size_t i = layer_image->IndexOf(x, y);
+              layer_image->keys[i] != kBackgroundKey) {
+            merged.Insert(x, y, layer_image->keys[i], layer_image->colors[i]);
           }
         }
       }
@@ -116,19 +118,20 @@ TEST(LayerStackTest, NeitherOrderNorRepetitionNorPartsChangeIt) {
   EXPECT_TRUE(merged == expected);
 }
 
-TEST(LayerStackTest, LevelsAreMadeWhenTheyAreNeeded) {
+TEST(LayerStackTest, ImagesAreMadeWhenTheyAreNeeded) {
   const auto images = FrameImagePool::Make(1 << 20);
   LayerStack stack(20, 20, 16, kOrder, images.get());
   EXPECT_TRUE(stack.empty());
   EXPECT_TRUE(LayerStack().empty());
-  EXPECT_TRUE(LayerStack().Levels().empty());
+  EXPECT_TRUE(LayerStack().LayerImages().empty());
   stack.Insert(3, 4, FragmentKey(0.5F, 7), {1, 2, 3, 255});
-  EXPECT_EQ(stack.Levels().size(), 1U);
+  EXPECT_EQ(stack.LayerImages().size(), 1U);
   stack.Insert(3, 4, FragmentKey(0.25F, 7), {4, 5, 6, 255});
-  ASSERT_EQ(stack.Levels().size(), 2U);
-  EXPECT_EQ(stack.Levels()[0]->keys[stack.Levels()[0]->IndexOf(3, 4)], FragmentKey(0.25F, 7));
+  ASSERT_EQ(stack.LayerImages().size(), 2U);
+  EXPECT_EQ(stack.LayerImages()[0]->keys[stack.LayerImages()[0]->IndexOf(3, 4)],
+            FragmentKey(0.25F, 7));
   const LayerStack moved = std::move(stack);
-  EXPECT_EQ(moved.Levels().size(), 2U);
+  EXPECT_EQ(moved.LayerImages().size(), 2U);
 }
 
 TEST(LayerStackTest, ALayerShowsBeforeAFartherOpaqueFragmentOrOneOfALaterSurface) {

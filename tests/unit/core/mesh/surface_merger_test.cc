@@ -85,10 +85,10 @@ absl::StatusOr<std::vector<SurfaceChunk>> Export(const volume::GridGeometry& geo
                      chunks.push_back(std::move(chunk));
                      return absl::OkStatus();
                    });
-  if (!surface.ok()) {
-    return surface.status();
+  if (!vertex_count.ok()) {
+    return vertex_count.status();
   }
-  EXPECT_EQ(surface->vertex_count, sent_count);
+  EXPECT_EQ(*vertex_count, sent_count);
   return chunks;
 }
 

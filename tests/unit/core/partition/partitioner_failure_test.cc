@@ -27,6 +27,8 @@
 namespace isoscope::partition {
 namespace {
 
+class PartitionerFailureTest : public PartitionerTest {};
+
 using ::isoscope::testing::Noise;
 using ::isoscope::testing::StatusIs;
 using ::testing::_;
@@ -40,7 +42,7 @@ struct Interruption {
   int at_read;
 };
 
-class InterruptionTest : public PartitionerTest {
+class InterruptionTest : public PartitionerFailureTest {
  protected:
   std::vector<Interruption> Interruptions() {
     std::vector<Interruption> interruptions;
@@ -98,7 +100,7 @@ TEST_F(InterruptionTest, SourceErrorAtAnyReadIsReturnedAndLeavesNothing) {
   }
 }
 
-TEST_F(PartitionerTest, WriteThatFailsLeavesNothing) {
+TEST_F(PartitionerFailureTest, WriteThatFailsLeavesNothing) {
   // A file size limit stands in for a full disk: writes beyond it fail.
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
@@ -122,7 +124,7 @@ Volume VolumeOfManyBlocks() {
   return {dims, ScalarType::kUint8, Noise(dims, ScalarType::kUint8)};
 }
 
-TEST_F(PartitionerTest, BlocksBeyondTheLimitAreSortedOnDiskIntoTheSameBytes) {
+TEST_F(PartitionerFailureTest, BlocksBeyondTheLimitAreSortedOnDiskIntoTheSameBytes) {
   const Volume v = VolumeOfManyBlocks();
   PartitionOptions options = Options("many");
   options.block_cells = {1, 1, 1};
@@ -140,7 +142,7 @@ TEST_F(PartitionerTest, BlocksBeyondTheLimitAreSortedOnDiskIntoTheSameBytes) {
   }
 }
 
-TEST_F(PartitionerTest, DiskThatIsFullWhileSortingLeavesNothing) {
+TEST_F(PartitionerFailureTest, DiskThatIsFullWhileSortingLeavesNothing) {
   const Volume v = VolumeOfManyBlocks();
   PartitionOptions options = TwoShards(Options("full"));
   options.block_cells = {1, 1, 1};
@@ -163,7 +165,7 @@ TEST_F(PartitionerTest, DiskThatIsFullWhileSortingLeavesNothing) {
   std::signal(SIGXFSZ, old_handler);
 }
 
-TEST_F(PartitionerTest, CancellationWhileIndexesAreBuiltLeavesNothing) {
+TEST_F(PartitionerFailureTest, CancellationWhileIndexesAreBuiltLeavesNothing) {
   const Volume v = VolumeOfManyBlocks();
   PartitionOptions options = TwoShards(Options("cancelled"));
   options.block_cells = {1, 1, 1};
@@ -178,7 +180,7 @@ TEST_F(PartitionerTest, CancellationWhileIndexesAreBuiltLeavesNothing) {
   EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty());
 }
 
-TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
+TEST_F(PartitionerFailureTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
   const Volume v = LayeredVolume();
   PartitionOptions options = TwoShards(Options("set"));
   // The state in the middle of a run, copied while the run is in its last read.
@@ -213,7 +215,7 @@ TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
 }
 
 // Symptom: a file that was written while it was read gave a volume of both.
-TEST_F(PartitionerTest, ASourceThatHasChangedMeanwhileLeavesNothing) {
+TEST_F(PartitionerFailureTest, ASourceThatHasChangedMeanwhileLeavesNothing) {
   const Volume v = LayeredVolume();
   PartitionOptions options = TwoShards(Options("set"));
   options.check_source = [] { return absl::AbortedError("the file has changed"); };

@@ -192,19 +192,13 @@ class ScriptedSource final : public source::VolumeSource {
  public:
   ScriptedSource(std::unique_ptr<source::VolumeSource> source,
                  std::function<absl::Status(int)> before_read, bool is_seekable = true)
-      : source_(std::move(source)),
-        before_read_(std::move(before_read)),
-        is_seekable_(is_seekable) {}
-  [[nodiscard]] const volume::GridGeometry& geometry() const override {
-    return source_->geometry();
-  }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return source_->scalar_type(); }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] bool is_seekable() const override { return is_seekable_; }
+      : VolumeSource(InfoOf(source->info(), is_seekable)),
+        source_(std::move(source)),
+        before_read_(std::move(before_read)) {}
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const absl::Status status = before_read_(read_count_++);
     rows_read_ += end_row - begin_row;
-    if (!is_seekable_) {
+    if (!info().is_seekable) {
       EXPECT_TRUE(begin_row == next_row_ || begin_row == 0) << begin_row << " " << next_row_;
       next_row_ = end_row;
     }
@@ -212,13 +206,17 @@ class ScriptedSource final : public source::VolumeSource {
   }
   [[nodiscard]] int read_count() const { return read_count_; }
   [[nodiscard]] std::int64_t planes_read() const {
-    return rows_read_ / source_->geometry().sample_dims.y;
+    return rows_read_ / info().geometry.sample_dims.y;
   }
 
  private:
+  static source::SourceInfo InfoOf(source::SourceInfo info, bool is_seekable) {
+    info.is_seekable = is_seekable;
+    return info;
+  }
+
   std::unique_ptr<source::VolumeSource> source_;
   std::function<absl::Status(int)> before_read_;
-  const bool is_seekable_;
   int read_count_ = 0;
   std::int64_t rows_read_ = 0;
   std::int64_t next_row_ = 0;

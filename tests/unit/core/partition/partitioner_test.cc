@@ -499,8 +499,8 @@ TEST_F(PartitionerTest, RealVolumesMatchWhatTheirReadMeSays) {
       ISOSCOPE_SKIP("data", path + " is absent; set ISOSCOPE_DATA_DIR");
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, source::OpenVolumeFile(path));
-    EXPECT_EQ(source->geometry().sample_dims, real.dims);
-    EXPECT_EQ(source->scalar_type(), real.type);
+    EXPECT_EQ(source->info().geometry.sample_dims, real.dims);
+    EXPECT_EQ(source->info().type, real.type);
     PartitionOptions options = Options(real.name);
     options.shard_count = 4;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto manifest, Partition(*source, options, never_));

@@ -27,18 +27,17 @@ constexpr math::Index3 kDims{10, 30, 37};
 class SequentialSource final : public source::VolumeSource {
  public:
   explicit SequentialSource(std::unique_ptr<source::VolumeSource> source)
-      : source_(std::move(source)) {}
-  [[nodiscard]] const volume::GridGeometry& geometry() const override {
-    return source_->geometry();
-  }
-  [[nodiscard]] ScalarType scalar_type() const override { return source_->scalar_type(); }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  [[nodiscard]] bool is_seekable() const override { return false; }
+      : VolumeSource(InfoOf(source->info())), source_(std::move(source)) {}
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     return source_->ReadRows(begin_row, end_row, out);
   }
 
  private:
+  static source::SourceInfo InfoOf(source::SourceInfo info) {
+    info.is_seekable = false;
+    return info;
+  }
+
   std::unique_ptr<source::VolumeSource> source_;
 };
 

@@ -26,17 +26,21 @@ namespace isoscope::partition {
 class MemorySeries final : public source::VolumeSeries {
  public:
   MemorySeries(std::vector<source::SourceField> fields, std::vector<double> times)
-      : fields_(std::move(fields)), times_(std::move(times)) {
+      : MemorySeries(InfoOf(std::move(fields), std::move(times))) {}
+  explicit MemorySeries(source::SeriesInfo info) : VolumeSeries(std::move(info)) {
     geometry.sample_dims = {13, 11, 9};
     geometry.spacing = {0.5, 1, 2};
   }
 
-  [[nodiscard]] const std::string& name() const override { return path; }
-  [[nodiscard]] const std::vector<source::SourceField>& fields() const override { return fields_; }
-  [[nodiscard]] const std::vector<double>& times() const override { return times_; }
-  [[nodiscard]] const std::string& time_unit() const override { return time_unit_text; }
-  [[nodiscard]] const std::string& length_unit() const override { return length_unit_text; }
-  [[nodiscard]] std::vector<std::string> FieldsElsewhere() const override { return elsewhere; }
+  static source::SeriesInfo InfoOf(std::vector<source::SourceField> fields,
+                                   std::vector<double> times) {
+    return {.name = "/data/flow.pvd",
+            .fields = std::move(fields),
+            .times = std::move(times),
+            .time_unit = "s",
+            .length_unit = "m"};
+  }
+
   absl::StatusOr<std::unique_ptr<source::VolumeSource>> Open(int field, int component,
                                                              int step) override {
     ++open_count;
@@ -45,12 +49,13 @@ class MemorySeries final : public source::VolumeSeries {
         return status;
       }
     }
-    const double time = times_.empty() ? 0 : times_[static_cast<std::size_t>(step)];
+    const std::vector<double>& times = info().times;
+    const double time = times.empty() ? 0 : times[static_cast<std::size_t>(step)];
     const volume::GridGeometry grid = geometry_of ? geometry_of(field, component, step) : geometry;
     const volume::ScalarType type =
         type_of ? type_of(field, component, step) : volume::ScalarType::kFloat32;
     return testing::MakeMemorySource(grid, type, SamplesOf(grid, type, field, component, time),
-                                     path);
+                                     info().name);
   }
 
   absl::StatusOr<std::string> IdentityOfStep(int step) override {
@@ -76,22 +81,14 @@ class MemorySeries final : public source::VolumeSeries {
     return bytes;
   }
 
-  std::string path = "/data/flow.pvd";
   std::string identity = "a request, and the stamps of its files\n";
   std::function<std::string(int)> identity_of;
   std::function<absl::Status(int)> identity_error;
-  std::vector<std::string> elsewhere{};
-  std::string time_unit_text = "s";
-  std::string length_unit_text = "m";
   volume::GridGeometry geometry;
   std::function<volume::GridGeometry(int, int, int)> geometry_of;
   std::function<volume::ScalarType(int, int, int)> type_of;
   std::function<absl::Status(int, int, int)> before_open;
   int open_count = 0;
-
- private:
-  std::vector<source::SourceField> fields_;
-  std::vector<double> times_;
 };
 
 // Pressure, and velocity with three components.

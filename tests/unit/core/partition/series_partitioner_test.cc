@@ -150,9 +150,9 @@ TEST_F(SeriesPartitionerTest, TheIdNamesGridCutFieldsAndFirstStepAlone) {
   EXPECT_EQ(Make(MemorySeries(Pressure(), {1}), "other_name").dataset_id, id);
   EXPECT_EQ(Make(MemorySeries(Pressure(), {1, 2}), "b").dataset_id, id);
   EXPECT_NE(Make(MemorySeries(Pressure(), {2}), "c").dataset_id, id);
-  MemorySeries other_unit(Pressure(), {1});
-  other_unit.time_unit_text = "ms";
-  EXPECT_NE(Make(other_unit, "d").dataset_id, id);
+  source::SeriesInfo other_unit = MemorySeries::InfoOf(Pressure(), {1});
+  other_unit.time_unit = "ms";
+  EXPECT_NE(Make(MemorySeries(other_unit), "d").dataset_id, id);
   MemorySeries other_grid(Pressure(), {1});
   other_grid.geometry.origin = {1, 2, 3};
   EXPECT_NE(Make(other_grid, "e").dataset_id, id);
@@ -315,9 +315,9 @@ TEST_F(SeriesPartitionerTest, ResumingKeepsWhatMatchesAndNothingElse) {
   compressed.volume.compression = store::BlockEncoding::kLz4;
   EXPECT_EQ(made_by_resuming(MemorySeries(FlowFields(), {0, 1}), compressed), 10);
   interrupt();
-  MemorySeries moved(FlowFields(), {0, 1});
-  moved.path = "/data/other.pvd";
-  EXPECT_EQ(made_by_resuming(moved, Options("flow")), 10);
+  source::SeriesInfo moved = MemorySeries::InfoOf(FlowFields(), {0, 1});
+  moved.name = "/data/other.pvd";
+  EXPECT_EQ(made_by_resuming(MemorySeries(moved), Options("flow")), 10);
   // Symptom: a run with another --crop of equal size, or with --fill, went on with the volumes of
   // the command before.
   interrupt();
@@ -531,9 +531,9 @@ TEST_F(SeriesPartitionerTest, WhatDoesNotFitIsNotAppended) {
   other_grid.geometry.origin = {0, 1, 0};
   EXPECT_THAT(Append(other_grid, "flow"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("origin 0, 1, 0")));
-  MemorySeries other_unit(FlowFields(), {2});
-  other_unit.time_unit_text = "h";
-  EXPECT_THAT(Append(other_unit, "flow"),
+  source::SeriesInfo other_unit = MemorySeries::InfoOf(FlowFields(), {2});
+  other_unit.time_unit = "h";
+  EXPECT_THAT(Append(MemorySeries(other_unit), "flow"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("unit of time \"h\"")));
   MemorySeries other_type(FlowFields(), {2});
   other_type.type_of = [](int, int, int) { return volume::ScalarType::kFloat64; };

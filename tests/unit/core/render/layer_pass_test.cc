@@ -67,15 +67,15 @@ TEST_F(LayerPassTest, TheFirstLayerIsTheOpaquePictureOfTheSameMeshes) {
   for (const bool sends_normals : {false, true}) {
     spec_.sends_normals = sends_normals;
     const image::LayerStack layers = DrawLayers(view, scene, meshes);
-    const std::vector<const image::FrameImage*> levels = layers.Levels();
+    const std::vector<const image::FrameImage*> layer_images = layers.LayerImages();
     // Two surfaces in the same place, in front and at the back.
-    ASSERT_GE(levels.size(), 4U);
-    EXPECT_TRUE(*levels.front() == DrawOpaque(view, scene, meshes)) << sends_normals;
-    for (std::size_t i = 0; i < levels.front()->pixel_count(); ++i) {
-      if (levels[0]->keys[i] != image::kBackgroundKey) {
-        ASSERT_TRUE(image::HaveEqualDepth(levels[0]->keys[i], levels[1]->keys[i]));
-        ASSERT_EQ(layers.order().SurfaceOf(image::OwnerOf(levels[0]->keys[i])), 0U);
-        ASSERT_EQ(layers.order().SurfaceOf(image::OwnerOf(levels[1]->keys[i])), 1U);
+    ASSERT_GE(layer_images.size(), 4U);
+    EXPECT_TRUE(*layer_images.front() == DrawOpaque(view, scene, meshes)) << sends_normals;
+    for (std::size_t i = 0; i < layer_images.front()->pixel_count(); ++i) {
+      if (layer_images[0]->keys[i] != image::kBackgroundKey) {
+        ASSERT_TRUE(image::HaveEqualDepth(layer_images[0]->keys[i], layer_images[1]->keys[i]));
+        ASSERT_EQ(layers.order().SurfaceOf(image::OwnerOf(layer_images[0]->keys[i])), 0U);
+        ASSERT_EQ(layers.order().SurfaceOf(image::OwnerOf(layer_images[1]->keys[i])), 1U);
       }
     }
   }
@@ -86,7 +86,7 @@ TEST_F(LayerPassTest, ThreadsAndTheOrderOfMeshesDoNotShow) {
   const view::View view = MakeView(scene, 310, 250, 25, 15);
   const std::vector<MeshToDraw> meshes = MeshesOf(scene, 0);
   const image::LayerStack expected = DrawLayers(view, scene, meshes);
-  EXPECT_GE(expected.Levels().size(), 2U);
+  EXPECT_GE(expected.LayerImages().size(), 2U);
 
   LayerPass pass(view, scene.layout, spec_, &renderer_);
   std::vector<std::thread> threads;
@@ -112,7 +112,7 @@ TEST_F(LayerPassTest, ClippedAndClosedFragmentsAreDropped) {
   const math::Vec3d normal{0.3, 1, 0.2};
   spec_.clip.half_spaces = {{normal, math::Dot(normal, math::Vec3d{31, 31, 31})}};
   const image::LayerStack clipped = DrawLayers(view, scene, meshes);
-  EXPECT_TRUE(*clipped.Levels().front() == DrawOpaque(view, scene, meshes));
+  EXPECT_TRUE(*clipped.LayerImages().front() == DrawOpaque(view, scene, meshes));
 
   image::PixelMask closed;  // of no pixel
   std::vector<MeshToDraw> masked = meshes;
@@ -130,16 +130,16 @@ TEST_F(LayerPassTest, ARegionHasTheLayersOfTheWhole) {
       const view::View part,
       view::View::Make(whole.camera(), whole.viewport(), scene.geometry, region));
   const std::vector<MeshToDraw> meshes = MeshesOf(scene, 0);
-  const image::LayerStack of_whole = DrawLayers(whole, scene, meshes);
-  const image::LayerStack of_part = DrawLayers(part, scene, meshes);
+  const image::LayerStack whole_layers = DrawLayers(whole, scene, meshes);
+  const image::LayerStack part_layers = DrawLayers(part, scene, meshes);
   for (std::size_t k = 0; k < 2; ++k) {
-    const image::FrameImage& expected = *of_whole.Levels()[k];
-    const image::FrameImage& level = *of_part.Levels()[k];
+    const image::FrameImage& expected = *whole_layers.LayerImages()[k];
+    const image::FrameImage& layer_image = *part_layers.LayerImages()[k];
     for (int y = 0; y < region.height_px; ++y) {
       for (int x = 0; x < region.width_px; ++x) {
-        ASSERT_EQ(level.keys[level.IndexOf(x, y)],
+        ASSERT_EQ(layer_image.keys[layer_image.IndexOf(x, y)],
                   expected.keys[expected.IndexOf(region.x + x, region.y + y)]);
-        ASSERT_EQ(level.colors[level.IndexOf(x, y)],
+        ASSERT_EQ(layer_image.colors[layer_image.IndexOf(x, y)],
                   expected.colors[expected.IndexOf(region.x + x, region.y + y)]);
       }
     }

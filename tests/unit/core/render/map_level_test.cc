@@ -17,11 +17,11 @@ TEST(MapLevelTest, StepsCutTheRangeIntoEqualParts) {
   const MapScale scale({.min = 10, .max = 20});
   for (int step = 0; step < kMapSteps; ++step) {
     const double middle = 10 + 10 * (step + 0.5) / kMapSteps;
-    EXPECT_EQ(MapStepOf(scale.LevelOf(middle)), step);
+    EXPECT_EQ(MapStepOf(scale.MapLevelOf(middle)), step);
   }
-  EXPECT_EQ(MapStepOf(scale.LevelOf(-5)), 0);
-  EXPECT_EQ(MapStepOf(scale.LevelOf(20)), 255);
-  EXPECT_EQ(MapStepOf(scale.LevelOf(1e30)), 255);
+  EXPECT_EQ(MapStepOf(scale.MapLevelOf(-5)), 0);
+  EXPECT_EQ(MapStepOf(scale.MapLevelOf(20)), 255);
+  EXPECT_EQ(MapStepOf(scale.MapLevelOf(1e30)), 255);
 }
 
 TEST(MapLevelTest, ATriangleWithAMissingCornerHasNoValueAndOneWithAnInfiniteCornerHasItsEnd) {
@@ -29,12 +29,12 @@ TEST(MapLevelTest, ATriangleWithAMissingCornerHasNoValueAndOneWithAnInfiniteCorn
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const MapScale scale({.min = 10, .max = 20});
   const auto mixed = [&](double a, double b, double c) {
-    return LevelsToMix({scale.LevelOf(a), scale.LevelOf(b), scale.LevelOf(c)});
+    return MapLevelsToMix({scale.MapLevelOf(a), scale.MapLevelOf(b), scale.MapLevelOf(c)});
   };
   // Finite levels stay, those far beyond the ends too.
   const std::array<float, 3> finite = mixed(12, -5, 1e20);
-  EXPECT_EQ(finite,
-            (std::array<float, 3>{scale.LevelOf(12), scale.LevelOf(-5), scale.LevelOf(1e20)}));
+  EXPECT_EQ(finite, (std::array<float, 3>{scale.MapLevelOf(12), scale.MapLevelOf(-5),
+                                          scale.MapLevelOf(1e20)}));
   for (int corner = 0; corner < 3; ++corner) {
     std::array<double, 3> values{12, 13, 14};
     const auto at = static_cast<std::size_t>(corner);
@@ -74,9 +74,9 @@ TEST(MapLevelTest, LevelsOfNumbersAreFiniteForAnyRange) {
        {frame::ColorRange{0, 5e-324}, {-1e-300, 0}, {0, 1.7e308}, {-8e307, 8e307}}) {
     for (const double value :
          {0.0, 1e-45, 1.0, static_cast<double>(kMost), -1e308, 1e308, kInfinity, -kInfinity}) {
-      EXPECT_TRUE(std::isfinite(MapScale(range).LevelOf(value))) << range.max << ", " << value;
+      EXPECT_TRUE(std::isfinite(MapScale(range).MapLevelOf(value))) << range.max << ", " << value;
     }
-    EXPECT_TRUE(std::isnan(MapScale(range).LevelOf(std::numeric_limits<double>::quiet_NaN())));
+    EXPECT_TRUE(std::isnan(MapScale(range).MapLevelOf(std::numeric_limits<double>::quiet_NaN())));
   }
 }
 

@@ -41,10 +41,10 @@ TEST(MeshRegisterTest, IdsBeginAtWholeUnitsAndLeadToTheirMesh) {
       list->Append(0, 0, 0, 0, id);
     }
     meshes.FindMeshes(list.get());
-    const std::vector<std::size_t> of_fragment{0, 2, 2, 3, 3, 4};
-    for (std::size_t i = 0; i < of_fragment.size(); ++i) {
-      EXPECT_EQ(list->meshes[i]->mesh.get(), expected[of_fragment[i]]) << i;
-      EXPECT_EQ(list->meshes[i]->first_primitive_id, first[of_fragment[i]]) << i;
+    const std::vector<std::size_t> mesh_of_fragment{0, 2, 2, 3, 3, 4};
+    for (std::size_t i = 0; i < mesh_of_fragment.size(); ++i) {
+      EXPECT_EQ(list->meshes[i]->mesh.get(), expected[mesh_of_fragment[i]]) << i;
+      EXPECT_EQ(list->meshes[i]->first_primitive_id, first[mesh_of_fragment[i]]) << i;
     }
     meshes.Clear();
     EXPECT_EQ(meshes.primitive_count() + meshes.kept_bytes(), 0U);

@@ -33,7 +33,7 @@ std::unique_ptr<MemorySeries> Nameless() {
 
 std::string SamplesAt(VolumeSeries& series, int field, int component, int step) {
   const auto volume = series.Open(field, component, step).value();
-  const math::Index3& dims = volume->geometry().sample_dims;
+  const math::Index3& dims = volume->info().geometry.sample_dims;
   std::string bytes(static_cast<std::size_t>(math::Volume(dims)) * 4, '\0');
   EXPECT_THAT(volume->ReadRows(0, dims.y * dims.z, bytes.data()), testing::IsOk());
   return bytes;
@@ -47,23 +47,23 @@ TEST(SeriesSelectionTest, TakesFieldsAndStepsInTheOrderThatWasAsked) {
                                          .names_field = false,
                                          .steps = StepRange{.first = 1, .last = 4, .stride = 2},
                                          .time = std::nullopt}));
-  ASSERT_EQ(chosen->fields().size(), 2);
-  EXPECT_EQ(chosen->fields()[0].name, "u");
-  EXPECT_EQ(chosen->fields()[1].long_name, "pressure");
-  EXPECT_THAT(chosen->times(), ElementsAre(1, 3));
-  EXPECT_EQ(chosen->step_count(), 2);
-  EXPECT_EQ(chosen->time_unit(), "s");
-  EXPECT_EQ(chosen->length_unit(), "m");
+  ASSERT_EQ(chosen->info().fields.size(), 2);
+  EXPECT_EQ(chosen->info().fields[0].name, "u");
+  EXPECT_EQ(chosen->info().fields[1].long_name, "pressure");
+  EXPECT_THAT(chosen->info().times, ElementsAre(1, 3));
+  EXPECT_EQ(chosen->info().step_count(), 2);
+  EXPECT_EQ(chosen->info().time_unit, "s");
+  EXPECT_EQ(chosen->info().length_unit, "m");
   EXPECT_EQ(SamplesAt(*chosen, 0, 2, 1), SamplesAt(*all, 1, 2, 3));
   EXPECT_EQ(SamplesAt(*chosen, 1, 0, 0), SamplesAt(*all, 0, 0, 1));
 }
 
 TEST(SeriesSelectionTest, TakesAllByDefault) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chosen, SelectFrom(Flow({0, 1}), {}));
-  EXPECT_EQ(chosen->fields().size(), 2);
-  EXPECT_THAT(chosen->times(), ElementsAre(0, 1));
+  EXPECT_EQ(chosen->info().fields.size(), 2);
+  EXPECT_THAT(chosen->info().times, ElementsAre(0, 1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto timeless, SelectFrom(Flow({}), {}));
-  EXPECT_TRUE(timeless->times().empty());
+  EXPECT_TRUE(timeless->info().times.empty());
 }
 
 TEST(SeriesSelectionTest, GivesANameAndATimeToWhatHasNone) {
@@ -71,8 +71,8 @@ TEST(SeriesSelectionTest, GivesANameAndATimeToWhatHasNone) {
       const auto named,
       SelectFrom(Nameless(),
                  {.fields = {"p"}, .names_field = true, .steps = std::nullopt, .time = 4.5}));
-  EXPECT_EQ(named->fields()[0].name, "p");
-  EXPECT_THAT(named->times(), ElementsAre(4.5));
+  EXPECT_EQ(named->info().fields[0].name, "p");
+  EXPECT_THAT(named->info().times, ElementsAre(4.5));
 }
 
 TEST(SeriesSelectionTest, SaysWhatThereIs) {

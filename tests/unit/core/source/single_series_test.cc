@@ -33,17 +33,17 @@ TEST(SingleSeriesTest, TheOpenVolumeIsTakenOnceAndEachLaterOneIsOpenedAnew) {
                           }
                           return VolumeNamed("again");
                         }});
-  EXPECT_EQ(series->name(), "a.mnc");
-  ASSERT_EQ(series->fields().size(), 1u);
-  EXPECT_EQ(series->fields()[0].name, "a");
-  EXPECT_EQ(series->step_count(), 1);
-  EXPECT_TRUE(series->times().empty());
-  EXPECT_EQ(series->length_unit(), "mm");
+  EXPECT_EQ(series->info().name, "a.mnc");
+  ASSERT_EQ(series->info().fields.size(), 1u);
+  EXPECT_EQ(series->info().fields[0].name, "a");
+  EXPECT_EQ(series->info().step_count(), 1);
+  EXPECT_TRUE(series->info().times.empty());
+  EXPECT_EQ(series->info().length_unit, "mm");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, series->Open(0, 0, 0));
-  EXPECT_EQ(first->name(), "first");
+  EXPECT_EQ(first->info().name, "first");
   EXPECT_EQ(opened, 0);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, series->Open(0, 0, 0));
-  EXPECT_EQ(second->name(), "again");
+  EXPECT_EQ(second->info().name, "again");
   EXPECT_THAT(series->Open(0, 0, 0), StatusIs(absl::StatusCode::kDataLoss, ::testing::_));
 }
 

@@ -121,8 +121,8 @@ TEST_F(FlowFileTest, EveryFieldIsAVolumeOfItsStep) {
   for (const char* part : {"pressure", "temperature", "velocity:2"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
                                   OpenVolumeFile(absl::StrCat(dir_.Sub("f_00001.vti"), ":", part)));
-    EXPECT_EQ(source->scalar_type(), volume::ScalarType::kFloat32);
-    EXPECT_EQ(source->geometry(), FlowGrid(options.dims).value());
+    EXPECT_EQ(source->info().type, volume::ScalarType::kFloat32);
+    EXPECT_EQ(source->info().geometry, FlowGrid(options.dims).value());
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, 4));
     const bool is_vector = std::string(part) == "velocity:2";
     const FlowFieldRow& field = kFlowFields[is_vector ? 2 : *part == 'p' ? 0 : 1];
@@ -290,15 +290,15 @@ TEST_F(FlowFileTest, ItsOwnReaderGetsFieldsTimesUnitsAndSamplesBack) {
   const FlowFileOptions options = Options();
   ISOSCOPE_ASSERT_OK(WriteFlow(options, never_).status());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(options.path));
-  EXPECT_THAT(series->times(), ElementsAre(0, 0.1, 0.2));
-  EXPECT_EQ(series->time_unit(), "s");
-  EXPECT_EQ(series->length_unit(), "m");
-  ASSERT_EQ(series->fields().size(), kFlowFields.size());
+  EXPECT_THAT(series->info().times, ElementsAre(0, 0.1, 0.2));
+  EXPECT_EQ(series->info().time_unit, "s");
+  EXPECT_EQ(series->info().length_unit, "m");
+  ASSERT_EQ(series->info().fields.size(), kFlowFields.size());
   for (std::size_t i = 0; i < kFlowFields.size(); ++i) {
-    EXPECT_EQ(series->fields()[i].name, kFlowFields[i].name);
-    EXPECT_EQ(series->fields()[i].unit, kFlowFields[i].unit);
+    EXPECT_EQ(series->info().fields[i].name, kFlowFields[i].name);
+    EXPECT_EQ(series->info().fields[i].unit, kFlowFields[i].unit);
   }
-  EXPECT_THAT(series->fields()[2].components, ElementsAre("x", "y", "z"));
+  EXPECT_THAT(series->info().fields[2].components, ElementsAre("x", "y", "z"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pressure, series->Open(0, 0, 2));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*pressure, 8));
   EXPECT_EQ(samples, SamplesOf(kFlowFields[0], options.dims, 0.2));

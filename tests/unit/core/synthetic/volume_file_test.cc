@@ -74,13 +74,13 @@ TEST_F(VolumeFileTest, EveryKindAndTypeComesBackAsItWasGenerated) {
                                     WriteVolumeFile(*generator, options, never_));
       EXPECT_EQ(bytes, static_cast<std::int64_t>(20 * 11 * 9 * volume::SizeOf(type)));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(options.path));
-      EXPECT_EQ(source->scalar_type(), type);
-      EXPECT_EQ(source->geometry().sample_dims, generator->dims());
+      EXPECT_EQ(source->info().type, type);
+      EXPECT_EQ(source->info().geometry.sample_dims, generator->dims());
       for (int axis = 0; axis < 3; ++axis) {
-        EXPECT_DOUBLE_EQ(source->geometry().spacing[axis], options.spacing[axis]);
-        EXPECT_DOUBLE_EQ(source->geometry().origin[axis], options.origin[axis]);
+        EXPECT_DOUBLE_EQ(source->info().geometry.spacing[axis], options.spacing[axis]);
+        EXPECT_DOUBLE_EQ(source->info().geometry.origin[axis], options.origin[axis]);
       }
-      EXPECT_EQ(source->geometry().direction, math::Mat3d{});
+      EXPECT_EQ(source->info().geometry.direction, math::Mat3d{});
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, 4));
       EXPECT_TRUE(samples == SamplesOf(*generator));
     }

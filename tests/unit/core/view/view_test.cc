@@ -550,16 +550,16 @@ TEST(FootprintTest, ARegionCutsTheWholesRectanglesAndChangesNoDepth) {
     std::vector<Footprint> footprints(ids.size());
     part.FootprintsOf(layout, ids, absl::MakeSpan(footprints));
     for (std::size_t i = 0; i < ids.size(); ++i) {
-      const Footprint of_whole = whole.FootprintOf(layout, ids[i]);
-      PixelRect expected{std::max(of_whole.rect.begin_x - x, 0),
-                         std::max(of_whole.rect.begin_y - y, 0),
-                         std::min(of_whole.rect.end_x - x, region.width_px),
-                         std::min(of_whole.rect.end_y - y, region.height_px)};
+      const Footprint whole_footprint = whole.FootprintOf(layout, ids[i]);
+      PixelRect expected{std::max(whole_footprint.rect.begin_x - x, 0),
+                         std::max(whole_footprint.rect.begin_y - y, 0),
+                         std::min(whole_footprint.rect.end_x - x, region.width_px),
+                         std::min(whole_footprint.rect.end_y - y, region.height_px)};
       expected = expected.empty() ? PixelRect() : expected;
       ASSERT_EQ(footprints[i].rect, expected) << "round " << round << ", block " << ids[i];
       ASSERT_EQ(part.FootprintOf(layout, ids[i]).rect, expected);
-      ASSERT_EQ(footprints[i].nearest_depth, of_whole.nearest_depth);
-      cut += expected.empty() || expected == of_whole.rect ? 0 : 1;
+      ASSERT_EQ(footprints[i].nearest_depth, whole_footprint.nearest_depth);
+      cut += expected.empty() || expected == whole_footprint.rect ? 0 : 1;
     }
   }
   EXPECT_GT(cut, 500);

@@ -183,11 +183,11 @@ TEST(RaySetTest, ASinglePixelCastsFewRandomRays) {
   const math::Index3 samples{41, 30, 35};
   Scene scene =
       MakeScene(view::MakeDefaultCamera(BoundsOf(samples)), samples, {4, 4, 4}, {400, 300});
-  const std::int64_t of_whole = RaySet(scene.view, scene.layout, 5).count();
+  const std::int64_t whole_count = RaySet(scene.view, scene.layout, 5).count();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       scene.view, view::View::Make(scene.view.camera(), {400, 300}, scene.view.geometry(),
                                    view::Region{200, 150, 1, 1}));
-  EXPECT_LT(RaySet(scene.view, scene.layout, 5).count(), of_whole - 1000);
+  EXPECT_LT(RaySet(scene.view, scene.layout, 5).count(), whole_count - 1000);
 }
 
 TEST(RaySetTest, ARayStopsAtTheFirstActiveBlock) {

@@ -71,9 +71,9 @@ TEST(LabelValuesTest, ListsAddUp) {
   LabelValues with_more = sum;
   with_more.Add(ListOf({6, 7}));
   EXPECT_TRUE(with_more.has_more());
-  LabelValues of_more = sum;
-  of_more.Add(ListOf({1, 2}, 1));
-  EXPECT_TRUE(of_more.has_more());
+  LabelValues sum_with_more = sum;
+  sum_with_more.Add(ListOf({1, 2}, 1));
+  EXPECT_TRUE(sum_with_more.has_more());
   const LabelValues same = LabelValues::Of({1, 3}, true, 0.25);
   EXPECT_THAT(same.values(), ElementsAre(1, 3));
   EXPECT_TRUE(same.has_more());

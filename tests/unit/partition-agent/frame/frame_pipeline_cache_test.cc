@@ -12,11 +12,13 @@
 namespace isoscope::agent {
 namespace {
 
+class FramePipelineCacheTest : public FramePipelineTest {};
+
 using isoscope::testing::FlipBit;
 using isoscope::testing::SmallDataset;
 using isoscope::testing::StatusIs;
 
-TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
+TEST_F(FramePipelineCacheTest, FollowingFramesReadNothingIfAllFits) {
   Open(2);
   FrameTask turned = task_;
   view::Azimuth(2.0, &*turned.spec.camera);
@@ -35,9 +37,9 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   // Another level: its index is read, and blocks that were not; then it is kept, and the first one
   // still is.
   RenderAll(shards_, task_);
-  frame::AgentStatistics of_other;
-  const image::FrameImage other_image = RenderAll(shards_, other, &of_other);
-  EXPECT_GT(of_other.index_page_read_count, 0);
+  frame::AgentStatistics other_statistics;
+  const image::FrameImage other_image = RenderAll(shards_, other, &other_statistics);
+  EXPECT_GT(other_statistics.index_page_read_count, 0);
   for (const FrameTask& known : {task_, other, turned}) {
     frame::AgentStatistics statistics;
     const image::FrameImage image = RenderAll(shards_, known, &statistics);
@@ -54,7 +56,7 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
 }
 
 // A block that is read once may never be again: its samples are kept when it is read again.
-TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
+TEST_F(FramePipelineCacheTest, SamplesAreReadTwiceAndThenKept) {
   Open(2);
   // Samples are whole numbers: the same blocks are active at all of these.
   const double isovalues[] = {128.25, 128.5, 128.75};
@@ -79,7 +81,7 @@ TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
   EXPECT_EQ(block_bytes[2], 0) << "samples were not kept the second time";
 }
 
-TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
+TEST_F(FramePipelineCacheTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   Open(2);
   constexpr int kIsovalueCount = 60;
   constexpr std::size_t kSmallCacheBytes = std::size_t{4} << 20;
@@ -110,7 +112,7 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   EXPECT_EQ(statistics.read_bytes, 0);
 }
 
-TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
+TEST_F(FramePipelineCacheTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   Open(2);
   std::vector<FrameTask> requests(3, dataset_->Request());
   requests[1].spec.surfaces[0].rule.isovalue += 10;
@@ -141,7 +143,7 @@ TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   }
 }
 
-TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
+TEST_F(FramePipelineCacheTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   Open(2);
   std::vector<FrameTask> requests(4, dataset_->Request());
   requests[1].spec.surfaces[0].rule.isovalue += 10;
@@ -169,7 +171,7 @@ TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   }
 }
 
-TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) {
+TEST_F(FramePipelineCacheTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) {
   Open(1);
   const std::string path = dataset_->shard_directory(0) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
@@ -186,25 +188,25 @@ TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) 
   EXPECT_TRUE(RenderAll(shards_, task_) == expected);
 }
 
-TEST_F(FramePipelineTest, ABlockIsReadOnceForAllSurfaces) {
+TEST_F(FramePipelineCacheTest, ABlockIsReadOnceForAllSurfaces) {
   Open(1);
   FrameTask one = dataset_->Request();
-  frame::AgentStatistics of_one;
-  RenderAll(shards_, one, &of_one);
+  frame::AgentStatistics one_statistics;
+  RenderAll(shards_, one, &one_statistics);
   FrameTask twice = one;
   twice.spec.surfaces.push_back(one.spec.surfaces[0]);
   ForgetAll();
-  frame::AgentStatistics of_twice;
-  RenderAll(shards_, twice, &of_twice);
-  EXPECT_GT(of_one.read_bytes, 0);
+  frame::AgentStatistics twice_statistics;
+  RenderAll(shards_, twice, &twice_statistics);
+  EXPECT_GT(one_statistics.read_bytes, 0);
   // The tree is asked twice at most; blocks are most of the bytes.
-  EXPECT_LT(of_twice.read_bytes, of_one.read_bytes + of_one.read_bytes / 4);
-  EXPECT_EQ(of_twice.triangle_count, 2 * of_one.triangle_count);
-  EXPECT_EQ(of_twice.visible_block_count, of_one.visible_block_count);
-  ASSERT_EQ(of_twice.surfaces.size(), 2U);
-  for (const frame::SurfaceStatistics& surface : of_twice.surfaces) {
-    EXPECT_EQ(surface.triangle_count, of_one.triangle_count);
-    EXPECT_EQ(surface.unique_vertex_count, of_one.unique_vertex_count);
+  EXPECT_LT(twice_statistics.read_bytes, one_statistics.read_bytes + one_statistics.read_bytes / 4);
+  EXPECT_EQ(twice_statistics.triangle_count, 2 * one_statistics.triangle_count);
+  EXPECT_EQ(twice_statistics.visible_block_count, one_statistics.visible_block_count);
+  ASSERT_EQ(twice_statistics.surfaces.size(), 2U);
+  for (const frame::SurfaceStatistics& surface : twice_statistics.surfaces) {
+    EXPECT_EQ(surface.triangle_count, one_statistics.triangle_count);
+    EXPECT_EQ(surface.unique_vertex_count, one_statistics.unique_vertex_count);
   }
 }
 

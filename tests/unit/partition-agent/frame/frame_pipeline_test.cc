@@ -104,8 +104,8 @@ TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
 TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
   Open(3);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, Make(shards_, task_));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection of_one, alone->SelectOccluders());
-  const std::vector<volume::BlockId>& expected = of_one.hits;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection one_selection, alone->SelectOccluders());
+  const std::vector<volume::BlockId>& expected = one_selection.hits;
   ASSERT_FALSE(expected.empty());
   EXPECT_TRUE(std::is_sorted(expected.begin(), expected.end()));
   volume::BlockSet hits(dataset_->layout().block_count());
@@ -124,7 +124,7 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
   EXPECT_EQ(hits.Ids(), expected);
   // Each active block is reported by its own agent and by no other.
   std::sort(active.begin(), active.end());
-  EXPECT_EQ(active, of_one.active);
+  EXPECT_EQ(active, one_selection.active);
 }
 
 TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
@@ -158,9 +158,9 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
     std::sort(blocks.begin(), blocks.end());
     return blocks;
   };
-  const volume::BlockId of_another = other_selection.active[other_selection.active.size() / 2];
+  const volume::BlockId another_block = other_selection.active[other_selection.active.size() / 2];
   for (const std::vector<volume::BlockId>& blocks :
-       {with(of_another), with(inactive), std::vector<volume::BlockId>{of_another},
+       {with(another_block), with(inactive), std::vector<volume::BlockId>{another_block},
         with(block_count), with(selection.active.front())}) {
     const auto is_refused = StatusIs(absl::StatusCode::kInvalidArgument,
                                      HasSubstr("1 of " + absl::StrCat(blocks.size())));

@@ -42,7 +42,7 @@ std::vector<math::Vec3d> MakePoints() {
 
 TEST(PointGradientsTest, EachPointIsAnsweredByOneShardHoweverManyThereAre) {
   const std::vector<math::Vec3d> points = MakePoints();
-  std::vector<PointGradient> of_one;
+  std::vector<PointGradient> one_shard_gradients;
   for (const int shard_count : {1, 3}) {
     const SmallDataset dataset(shard_count);
     std::map<std::size_t, PointGradient> answers;
@@ -59,10 +59,10 @@ TEST(PointGradientsTest, EachPointIsAnsweredByOneShardHoweverManyThereAre) {
     for (std::size_t i = 0; i < points.size(); ++i) {
       EXPECT_EQ(together[i], answers.at(i));
     }
-    if (of_one.empty()) {
-      of_one = together;
+    if (one_shard_gradients.empty()) {
+      one_shard_gradients = together;
     }
-    EXPECT_EQ(together, of_one);
+    EXPECT_EQ(together, one_shard_gradients);
   }
   const SmallDataset dataset(1);
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -70,7 +70,7 @@ TEST(PointGradientsTest, EachPointIsAnsweredByOneShardHoweverManyThereAre) {
     const volume::BlockId id = volume::BlockOfCell(layout, volume::CellAt(layout, points[i]));
     const std::string block =
         isoscope::testing::CutBlock(layout, volume::ScalarType::kUint8, dataset.samples(), id);
-    EXPECT_EQ(of_one[i].gradient,
+    EXPECT_EQ(one_shard_gradients[i].gradient,
               volume::GradientAt(dataset.geometry(), layout,
                                  {id, volume::ScalarType::kUint8, block.data()}, points[i]));
   }

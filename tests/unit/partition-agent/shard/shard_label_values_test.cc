@@ -70,24 +70,24 @@ TEST(ShardLabelValuesTest, WholeNumbersOfEveryTypeAreListed) {
     floats[5] = -3;
     floats[6] = std::numeric_limits<float>::quiet_NaN();
     floats[7] = 16777216;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_floats, ValuesOf(floats, shard_count));
-    EXPECT_THAT(of_floats.values(), ElementsAre(-3, 0, 7, 16777216));
-    EXPECT_FALSE(of_floats.is_done());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto float_values, ValuesOf(floats, shard_count));
+    EXPECT_THAT(float_values.values(), ElementsAre(-3, 0, 7, 16777216));
+    EXPECT_FALSE(float_values.is_done());
     std::vector<double> doubles(kSampleCount, 4000000000);
     doubles[77] = -0x1p53;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_doubles, ValuesOf(doubles, shard_count));
-    EXPECT_THAT(of_doubles.values(), ElementsAre(-0x1p53, 4000000000));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto double_values, ValuesOf(doubles, shard_count));
+    EXPECT_THAT(double_values.values(), ElementsAre(-0x1p53, 4000000000));
     std::vector<std::int32_t> wide(kSampleCount, 2000000000);
     wide[77] = -2000000000;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_wide, ValuesOf(wide, shard_count));
-    EXPECT_THAT(of_wide.values(), ElementsAre(-2000000000, 2000000000));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto wide_values, ValuesOf(wide, shard_count));
+    EXPECT_THAT(wide_values.values(), ElementsAre(-2000000000, 2000000000));
     std::vector<std::uint16_t> narrow(kSampleCount, 1);
     for (std::size_t i = 0; i < 9; ++i) {
       narrow[i * 1000] = static_cast<std::uint16_t>(65535 - i);
     }
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_narrow, ValuesOf(narrow, shard_count));
-    EXPECT_EQ(of_narrow.values().size(), 10U);
-    EXPECT_EQ(of_narrow.values().back(), 65535);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto narrow_values, ValuesOf(narrow, shard_count));
+    EXPECT_EQ(narrow_values.values().size(), 10U);
+    EXPECT_EQ(narrow_values.values().back(), 65535);
   }
 }
 

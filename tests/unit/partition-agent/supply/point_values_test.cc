@@ -116,7 +116,7 @@ std::vector<SurfacePoint> PointsOf(const std::vector<Expected>& expected) {
 }
 
 TEST(PointValuesTest, ValuesAreThoseOfTheTrianglesForAnyNumberOfShards) {
-  std::vector<PointValues> of_one;
+  std::vector<PointValues> one_shard_values;
   for (const int shard_count : {1, 3}) {
     Fields fields(shard_count);
     const std::vector<Expected> expected = MakePoints(fields);
@@ -149,8 +149,8 @@ TEST(PointValuesTest, ValuesAreThoseOfTheTrianglesForAnyNumberOfShards) {
     for (const PointValues& values : together) {
       EXPECT_EQ(apart.at(values.point_index), values);
     }
-    of_one = of_one.empty() ? together : of_one;
-    EXPECT_EQ(together, of_one) << "bit for bit";
+    one_shard_values = one_shard_values.empty() ? together : one_shard_values;
+    EXPECT_EQ(together, one_shard_values) << "bit for bit";
   }
 }
 
@@ -174,7 +174,7 @@ TEST(PointValuesTest, CapsHaveTheValuesOfTheirCells) {
 // At a vertex the label is the sample at the inside end of its grid edge.
 TEST(PointValuesTest, LabelsAreThoseOfTheNearestEdgesForAnyNumberOfShards) {
   const auto rule = volume::InsideRule::OfLabels({118, 121, 122, 130, 131});
-  std::vector<PointValues> of_one;
+  std::vector<PointValues> one_shard_values;
   for (const int shard_count : {1, 3}) {
     Fields fields(shard_count);
     const volume::BlockLayout layout = fields.drawn.layout();
@@ -212,8 +212,8 @@ TEST(PointValuesTest, LabelsAreThoseOfTheNearestEdgesForAnyNumberOfShards) {
       EXPECT_EQ(values[i].label, expected[i]) << i;
       EXPECT_TRUE(values[i].values.empty());
     }
-    of_one = of_one.empty() ? values : of_one;
-    EXPECT_EQ(values, of_one);
+    one_shard_values = one_shard_values.empty() ? values : one_shard_values;
+    EXPECT_EQ(values, one_shard_values);
   }
 }
 

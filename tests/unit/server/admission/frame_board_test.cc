@@ -31,14 +31,14 @@ TEST(FrameBoardTest, FramesStandInTheOrderOfArrivalWithTheirSteps) {
   FrameBoard board;
   const FrameBoard::Entry first = board.Add(NoteOf("a"));
   const FrameBoard::Entry second = board.Add(NoteOf("b"));
-  second.step()->store(FrameStep::kOccluderRendering);
+  second.phase()->store(FramePhase::kOccluderRendering);
   const std::vector<FrameBoard::Frame> frames = board.Frames();
   ASSERT_EQ(frames.size(), 2u);
   EXPECT_EQ(frames[0].note.request_id, "a");
   EXPECT_EQ(frames[0].note.client, "ipv4:1.2.3.4:5");
-  EXPECT_EQ(frames[0].step, FrameStep::kQueued);
+  EXPECT_EQ(frames[0].phase, FramePhase::kQueued);
   EXPECT_EQ(frames[1].note.width_px, 8);
-  EXPECT_EQ(frames[1].step, FrameStep::kOccluderRendering);
+  EXPECT_EQ(frames[1].phase, FramePhase::kOccluderRendering);
 }
 
 TEST(FrameBoardTest, AFrameLeavesOnceWithItsEntryAlsoAfterAMove) {
@@ -60,7 +60,7 @@ TEST(FrameBoardTest, ThreadsComeAndGoWhileOthersLook) {
     threads.emplace_back([&] {
       for (int k = 0; k < 500; ++k) {
         const FrameBoard::Entry entry = board.Add(NoteOf("x"));
-        entry.step()->store(FrameStep::kFinishing);
+        entry.phase()->store(FramePhase::kFinishing);
         EXPECT_GE(board.Frames().size(), 1u);
       }
     });

@@ -31,15 +31,15 @@ namespace {
 using ::isoscope::testing::StatusIs;
 using ::testing::ElementsAre;
 
-constexpr FrameStage kCulls = FrameStage::kSelectingOccluders;
-constexpr FrameStage kDrawsAll = FrameStage::kRenderingVisible;  // without culling
+constexpr PartStage kCulls = PartStage::kSelectingOccluders;
+constexpr PartStage kDrawsAll = PartStage::kRenderingVisible;  // without culling
 
-const std::map<std::string, FrameStage>& StagesByLastWord() {
+const std::map<std::string, PartStage>& StagesByLastWord() {
   static const auto* const stages =
-      new std::map<std::string, FrameStage>{{"hits", FrameStage::kSelectingOccluders},
-                                            {"occluders", FrameStage::kRenderingOccluders},
-                                            {"done", FrameStage::kRenderingVisible},
-                                            {"end", FrameStage::kDone}};
+      new std::map<std::string, PartStage>{{"hits", PartStage::kSelectingOccluders},
+                                           {"occluders", PartStage::kRenderingOccluders},
+                                           {"done", PartStage::kRenderingVisible},
+                                           {"end", PartStage::kDone}};
   return *stages;
 }
 
@@ -61,7 +61,7 @@ std::string TextOf(const std::deque<FrameEvent>& events) {
 // A queue that is told and answers in words.
 class Table {
  public:
-  explicit Table(FrameStage first_stage) : first_stage_(first_stage) {}
+  explicit Table(PartStage first_stage) : first_stage_(first_stage) {}
 
   std::string Tell(const std::string& event) {
     const std::vector<std::string> words = absl::StrSplit(event, ' ');
@@ -111,14 +111,14 @@ class Table {
     return listeners_.try_emplace(name, id, first_stage_, &queue_, &gate_).first->second;
   }
 
-  const FrameStage first_stage_;
+  const PartStage first_stage_;
   base::Cancellation cancellation_;
   ReadGate gate_{1000};
   EventQueue queue_;
   std::map<std::string, QueueingListener> listeners_;
 };
 
-void Check(FrameStage first_stage, absl::string_view rows) {
+void Check(PartStage first_stage, absl::string_view rows) {
   Table table(first_stage);
   testing::CheckEvents(rows, [&](const std::string& event) { return table.Tell(event); });
 }
@@ -236,13 +236,13 @@ TEST(EventQueueTest, EventsOfManyThreadsWakeTheFrameOnceAndKeepTheirOrder) {
   constexpr std::size_t kAgents = 8;
   constexpr std::size_t kEvents = 200;
   EventQueue queue;
-  queue.SetNeeded({kAgents * kEvents, FrameStage::kSelectingOccluders});
+  queue.SetNeeded({kAgents * kEvents, PartStage::kSelectingOccluders});
   std::vector<std::thread> agents;
   for (std::size_t part = 0; part < kAgents; ++part) {
     agents.emplace_back([&queue, part] {
       for (std::size_t i = 0; i < kEvents; ++i) {
         queue.Push({.said = {.from = {part, i}, .word = AgentWord::kRayHits, .arrival = {}},
-                    .ended_stage = FrameStage::kSelectingOccluders});
+                    .ended_stage = PartStage::kSelectingOccluders});
       }
     });
   }
@@ -263,10 +263,10 @@ TEST(EventQueueTest, EventsOfManyThreadsWakeTheFrameOnceAndKeepTheirOrder) {
 TEST(EventQueueTest, AnEventThatNoMemoryIsLeftForFailsTheFrame) {
   constexpr std::size_t kEvents = 100;
   EventQueue queue;
-  queue.SetNeeded({kEvents, FrameStage::kSelectingOccluders});
+  queue.SetNeeded({kEvents, PartStage::kSelectingOccluders});
   std::vector<FrameEvent> events(kEvents);
   for (FrameEvent& event : events) {
-    event.ended_stage = FrameStage::kSelectingOccluders;
+    event.ended_stage = PartStage::kSelectingOccluders;
   }
   {
     const testing::MemoryFailure failure(1, testing::MemoryFailure::Mode::kOnce);
@@ -284,7 +284,7 @@ TEST(EventQueueTest, AnEventThatNoMemoryIsLeftForFailsTheFrame) {
 TEST(QueueingListenerTest, EachWordBringsItsContent) {
   ReadGate gate(100);
   EventQueue queue;
-  QueueingListener listener({3, 1}, FrameStage::kSelectingOccluders, &queue, &gate);
+  QueueingListener listener({3, 1}, PartStage::kSelectingOccluders, &queue, &gate);
   const base::MonotonicTime begin = base::MonotonicNow();
   listener.OnRayHits({5, 9}, {5, 7, 9});
   listener.OnPixels({"one", "two"});
@@ -310,7 +310,7 @@ TEST(QueueingListenerTest, EachWordBringsItsContent) {
 TEST(QueueingListenerTest, BandsShutTheGateUntilTheyAreDropped) {
   ReadGate gate(5);
   EventQueue queue;
-  QueueingListener listener({0, 0}, FrameStage::kRenderingVisible, &queue, &gate);
+  QueueingListener listener({0, 0}, PartStage::kRenderingVisible, &queue, &gate);
   listener.OnPixels({"one", "two"});
   int reads = 0;
   listener.WhenRoom([&] { ++reads; });

@@ -630,7 +630,7 @@ TEST_F(ReplicaTest, AnAgentLostAtAnyStepIsReplacedAndTheFrameIsTheSame) {
       EXPECT_EQ(report_.failures[0].agent.address, "agent-1");
       EXPECT_EQ(report_.failures[0].status, end);
       EXPECT_THAT(lost_parts_, IsEmpty());
-      EXPECT_TRUE(report_.outrun.empty());
+      EXPECT_TRUE(report_.lost_hedges.empty());
     }
   }
 }
@@ -679,7 +679,7 @@ TEST_F(ReplicaTest, APartWhoseAgentNoLongerAnswersIsTriedBesideItAtAnyStep) {
         const FrameResult result,
         RunWith({UpTo(word, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
     EXPECT_TRUE(AgentOfName("agent-1").is_cancelled());
-    EXPECT_EQ(report_.outrun, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
+    EXPECT_EQ(report_.lost_hedges, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
     ExpectTheSameFrame(result, "agent-1.1");
     EXPECT_TRUE(report_.failures.empty());
   }
@@ -692,7 +692,7 @@ TEST_F(ReplicaTest, ASlowPartIsHedgedIfThatIsAllowed) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const FrameResult result,
       RunWith({UpTo(2, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
-  EXPECT_EQ(report_.outrun.size(), 1u);
+  EXPECT_EQ(report_.lost_hedges.size(), 1u);
   EXPECT_EQ(report_.hedge_count, 1);
   cancellation_ = std::make_unique<base::Cancellation>();
   may_hedge_ = nullptr;

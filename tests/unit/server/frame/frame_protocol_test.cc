@@ -1,9 +1,11 @@
 // The protocol as tables: events, and the commands that each gives.
 //
 // Events:   begin; 1.0 hits (of part 1's first replica); step; watch 100ms (since the frame began);
-//           unreachable 1.0; may hedge. The frame has failed, and these had come: deadline 40ms,
-//           1.0 hits, ... gives its error; lost, 1.0 gone, ... the lost parts.
-//           [step 2]: what brings two parts there. report: what the frame learnt of its agents.
+//           unreachable 1.0; may hedge.
+//           deadline 40ms, 1.0 hits, ... gives the error of a frame that failed after these events;
+//           lost, 1.0 gone, ... its lost parts.
+//           [step 2] stands for the events that bring two parts there.
+//           report gives what the frame learnt of its agents.
 // Commands: begin 1.0; cancel 1.0; reduce (this event's content); send occluders 1.0 (with "only",
 //           if no other attempt may want them); step visible. An error ends the frame.
 
@@ -68,16 +70,16 @@ AttemptId IdOf(absl::string_view text) {
   return id;
 }
 
-std::string StageName(FrameStage stage) {
-  return stage == FrameStage::kRenderingOccluders ? "occluders"
-         : stage == FrameStage::kRenderingVisible ? "visible"
-                                                  : "done";
+std::string StageName(PartStage stage) {
+  return stage == PartStage::kRenderingOccluders ? "occluders"
+         : stage == PartStage::kRenderingVisible ? "visible"
+                                                 : "done";
 }
 
 // A protocol that is told and answers in words.
 class Table {
  public:
-  Table(std::vector<int> replica_counts, FrameStage first_stage,
+  Table(std::vector<int> replica_counts, PartStage first_stage,
         base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture())
       : setup_{.replica_counts = std::move(replica_counts),
                .is_lost =
@@ -132,7 +134,7 @@ class Table {
       texts.push_back(absl::StrCat(failure.agent.address, " failed ", NameOf(failure.stage), ": ",
                                    failure.status.message()));
     }
-    for (const AgentIdentity& agent : report.outrun) {
+    for (const AgentIdentity& agent : report.lost_hedges) {
       texts.push_back(absl::StrCat(agent.address, " outrun"));
     }
     if (report.hedge_count > 0) {
@@ -199,13 +201,13 @@ class Table {
   std::set<std::string> unreachable_;
   bool may_hedge_ = false;
   FrameProtocol protocol_;
-  FrameStage next_step_ = FrameStage::kSelectingOccluders;
+  PartStage next_step_ = PartStage::kSelectingOccluders;
   absl::Duration now_ = absl::ZeroDuration();  // since the frame began
   absl::Status error_;                         // that ended the frame
 };
 
-constexpr FrameStage kCulls = FrameStage::kSelectingOccluders;
-constexpr FrameStage kDrawsAll = FrameStage::kRenderingVisible;  // without culling
+constexpr PartStage kCulls = PartStage::kSelectingOccluders;
+constexpr PartStage kDrawsAll = PartStage::kRenderingVisible;  // without culling
 
 // Returns the events that bring two parts to a step.
 std::vector<std::string> Prelude(absl::string_view name) {
@@ -220,7 +222,7 @@ std::vector<std::string> Prelude(absl::string_view name) {
 }
 
 // Tells a new protocol the rows, and expects that its report has been read.
-void Check(FrameStage first_stage, const std::vector<int>& replica_counts, absl::string_view rows,
+void Check(PartStage first_stage, const std::vector<int>& replica_counts, absl::string_view rows,
            base::MonotonicTime deadline = base::MonotonicTime::InfiniteFuture()) {
   Table table(replica_counts, first_stage, deadline);
   testing::CheckEvents(rows, [&](const std::string& event) {
@@ -303,24 +305,24 @@ TEST(FrameProtocolTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
   const struct {
     std::vector<std::string> wrong;
     std::string before;
-    FrameStage first_stage;
-    FrameStage at;
+    PartStage first_stage;
+    PartStage at;
   } cases[] = {
-      {{"pixels", "occluders", "done", "end"}, "[step 1]", kCulls, FrameStage::kSelectingOccluders},
-      {{"hits", "done", "end"}, "[step 2]", kCulls, FrameStage::kRenderingOccluders},
-      {{"hits", "occluders", "end"}, "[step 3]", kCulls, FrameStage::kRenderingVisible},
-      {{"hits", "occluders", "end"}, "[step 1]", kDrawsAll, FrameStage::kRenderingVisible},
-      {{"hits", "pixels", "occluders", "done"}, "[step 3]" + done, kCulls, FrameStage::kDone},
-      {{"hits", "pixels", "occluders", "done"}, "[step 1]" + done, kDrawsAll, FrameStage::kDone},
+      {{"pixels", "occluders", "done", "end"}, "[step 1]", kCulls, PartStage::kSelectingOccluders},
+      {{"hits", "done", "end"}, "[step 2]", kCulls, PartStage::kRenderingOccluders},
+      {{"hits", "occluders", "end"}, "[step 3]", kCulls, PartStage::kRenderingVisible},
+      {{"hits", "occluders", "end"}, "[step 1]", kDrawsAll, PartStage::kRenderingVisible},
+      {{"hits", "pixels", "occluders", "done"}, "[step 3]" + done, kCulls, PartStage::kDone},
+      {{"hits", "pixels", "occluders", "done"}, "[step 1]" + done, kDrawsAll, PartStage::kDone},
       // The agent does not wait for the other one.
       {{"pixels", "occluders"},
        "[step 1]\n 1.0 hits -> reduce",
        kCulls,
-       FrameStage::kRenderingOccluders},
+       PartStage::kRenderingOccluders},
       {{"pixels", "done"},
        "[step 2]\n 1.0 occluders -> reduce",
        kCulls,
-       FrameStage::kRenderingVisible},
+       PartStage::kRenderingVisible},
   };
   for (const auto& [wrong, before, first_stage, at] : cases) {
     for (const std::string& word : wrong) {

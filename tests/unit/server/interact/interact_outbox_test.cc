@@ -3,7 +3,8 @@
 // Events:   begin 3 (a moving frame of state 3), or begin exact 3; moving 3 (its frame has come),
 //           exact 3, error 3, exact error 3: these begin it if it has not begun; write; written;
 //           shown 2 (the second message); close.
-//           under way: the frames that hold a credit of the schedule. held: bytes of memory.
+//           under way gives the frames that hold a credit of the schedule, held the bytes of
+//           memory.
 // Answers:  write returns the message, or "nothing"; shown says whether it was an unshown moving
 //           frame; begin exact says "later" if the schedule lets it wait.
 

@@ -3,8 +3,7 @@
 // Events:   a, or a x 3: caller a opens streams, named a1, a2, ... in order of arrival. They open
 //           one by one; the answer is that of the last. close a2: it has ended by itself. stop.
 // Answers:  "" if it is open; "cut a3" if it is open since a3 was cut off; the error that the
-// stream
-//           gets. stop returns the number of streams that ended.
+//           stream gets. stop returns the number of streams that ended.
 
 #include "server/interact/interact_streams.h"
 

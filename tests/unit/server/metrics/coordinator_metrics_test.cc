@@ -46,8 +46,8 @@ TEST(CoordinatorMetricsTest, FramesThatWereNotDrawnAreCountedByReason) {
 
 TEST(CoordinatorMetricsTest, FailuresOfAgentsAreCountedByStageAndCode) {
   CoordinatorMetrics metrics;
-  metrics.CountAgentFailure(FrameStage::kRenderingVisible, absl::DataLossError(""));
-  metrics.CountAgentFailure(FrameStage::kEnded, {static_cast<absl::StatusCode>(99), ""});
+  metrics.CountAgentFailure(PartStage::kRenderingVisible, absl::DataLossError(""));
+  metrics.CountAgentFailure(PartStage::kEnded, {static_cast<absl::StatusCode>(99), ""});
   auto values = ValuesOf(metrics.Collect({}));
   EXPECT_EQ(values["isoscope_agent_failures_total stage=rendering_visible_blocks code=DATA_LOSS"],
             1);

@@ -142,5 +142,11 @@ TEST(PictureAnswerTest, AnApproximatePictureIsNotCached) {
             (std::vector<std::pair<std::string, std::string>>{{"Cache-Control", "no-store"}}));
 }
 
+// Nobody knows then whether a later picture has the same pixels.
+TEST(PictureAnswerTest, APictureOfUnknownCodeIsNotCached) {
+  v1::RenderIsosurfaceRequest request;
+  EXPECT_EQ(CachingOf(v1::Dataset(), "", true, false, &request).etag, "");
+}
+
 }  // namespace
 }  // namespace isoscope::gateway

@@ -262,10 +262,10 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
   ASSERT_THAT(two, IsOk());
   EXPECT_EQ(two->request.surfaces_size(), 2);
   EXPECT_EQ(two->surfaces[0].color->alpha, 1);
-  const absl::StatusOr<MeshQuery> of_a_step =
+  const absl::StatusOr<MeshQuery> step_query =
       MeshQueryFromQuery({{"isovalue", "1"}, {"field", "velocity:z"}, {"step", "2"}}, MakeSeries());
-  ASSERT_THAT(of_a_step, IsOk());
-  EXPECT_EQ(of_a_step->request.selection().ShortDebugString(),
+  ASSERT_THAT(step_query, IsOk());
+  EXPECT_EQ(step_query->request.selection().ShortDebugString(),
             "field: \"velocity:z\" time_step: 2");
   for (const QueryParameters& wrong :
        {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"time", "2"}, {"step", "2"}},

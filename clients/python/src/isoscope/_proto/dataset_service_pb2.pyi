@@ -14,10 +14,12 @@ class GetDatasetRequest(_message.Message):
     def __init__(self, name: _Optional[str] = ...) -> None: ...
 
 class GetDatasetResponse(_message.Message):
-    __slots__ = ["dataset"]
+    __slots__ = ["dataset", "picture_revision"]
     DATASET_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_REVISION_FIELD_NUMBER: _ClassVar[int]
     dataset: _dataset_pb2.Dataset
-    def __init__(self, dataset: _Optional[_Union[_dataset_pb2.Dataset, _Mapping]] = ...) -> None: ...
+    picture_revision: str
+    def __init__(self, dataset: _Optional[_Union[_dataset_pb2.Dataset, _Mapping]] = ..., picture_revision: _Optional[str] = ...) -> None: ...
 
 class GetHistogramRequest(_message.Message):
     __slots__ = ["dataset", "dataset_id", "max_bin_count", "max_label_value_count", "selection", "value_range"]

@@ -1,6 +1,7 @@
 from isoscope._proto import dataset_pb2 as _dataset_pb2
 from isoscope._proto import frame_pb2 as _frame_pb2
 from isoscope._proto import geometry_pb2 as _geometry_pb2
+from isoscope._proto import options_pb2 as _options_pb2
 from isoscope._proto import trace_pb2 as _trace_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper

@@ -323,16 +323,16 @@ TEST(MeshWriterTest, MeshesFarFromTheOriginKeepAllDigits) {
   EXPECT_EQ(WorldPositionsOf(sphere), world);
   EXPECT_EQ(ReadVtp(write(MeshFormat::kVtp)).world, world);
   std::istringstream lines(write(MeshFormat::kObj));
-  std::vector<double> of_obj;
+  std::vector<double> obj_positions;
   for (std::string line; std::getline(lines, line);) {
     if (absl::StartsWith(line, "v ")) {
       std::istringstream in(line.substr(2));
       for (std::string number; in >> number;) {
-        of_obj.push_back(std::stod(number));
+        obj_positions.push_back(std::stod(number));
       }
     }
   }
-  EXPECT_EQ(of_obj, world);
+  EXPECT_EQ(obj_positions, world);
   const std::string stl = write(MeshFormat::kStl);
   EXPECT_EQ(stl.substr(0, 80),
             "isoscope, binary STL, origin 500000 4600000 -12.5" + std::string(31, ' '));

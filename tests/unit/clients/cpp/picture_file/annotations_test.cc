@@ -363,15 +363,15 @@ TEST(AnnotationsTest, CapsThatShowSamplesHaveABarOfTheirOwn) {
   AnnotationScene scene = Orthographic(500, 400);
   scene.caps_coloring = {
       .map = frame::ColorMap::kViridis, .range = {3, 7}, .title = "samples on cuts"};
-  const image::Rgba8& of_caps = picture::ColorMapTableOf(frame::ColorMap::kViridis).back();
+  const image::Rgba8& caps_color = picture::ColorMapTableOf(frame::ColorMap::kViridis).back();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated alone, Annotate(flags, scene, Plain(600, 400)));
-  EXPECT_FALSE(BoxOf(alone.picture, of_caps).empty());
+  EXPECT_FALSE(BoxOf(alone.picture, caps_color).empty());
   scene.colorings = ColoredByField().colorings;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated both, Annotate(flags, scene, Plain(600, 400)));
-  const view::PixelRect of_surface =
+  const view::PixelRect surface_box =
       BoxOf(both.picture, picture::ColorMapTableOf(frame::ColorMap::kTurbo).back());
-  ASSERT_FALSE(of_surface.empty());
-  EXPECT_LT(BoxOf(both.picture, of_caps).end_x, of_surface.begin_x) << "side by side";
+  ASSERT_FALSE(surface_box.empty());
+  EXPECT_LT(BoxOf(both.picture, caps_color).end_x, surface_box.begin_x) << "side by side";
   EXPECT_EQ(both.boxes.size(), 2U);
 }
 

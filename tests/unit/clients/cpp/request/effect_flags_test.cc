@@ -3,10 +3,14 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
+#include "google/protobuf/descriptor.h"
 #include "gtest/gtest.h"
 
 #include "core/base/status_macros.h"
+#include "core/frame/picture_effects.h"
+#include "isoscope/v1/options.pb.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::client {
@@ -72,17 +76,55 @@ TEST(EffectFlagsTest, ValuesArrive) {
 
 TEST(EffectFlagsTest, WrongValuesAreNamedWithWhatIsAllowed) {
   for (const char* text : {"3", "57", "x", "32,", "32,1.5", "32,-1", "32,1,1", ",1", "nan"}) {
-    EXPECT_THAT(ParseAmbientOcclusion(text), StatusIs(absl::StatusCode::kInvalidArgument)) << text;
+    EXPECT_THAT(TryParse({absl::StrCat("--ambient-occlusion=", text)}),
+                StatusIs(absl::StatusCode::kInvalidArgument))
+        << text;
   }
-  EXPECT_THAT(ParseAmbientOcclusion("32,1.5"),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("strength 1.5")));
+  EXPECT_THAT(TryParse({"--ambient-occlusion=32,1.5"}),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("'32,1.5' has the strength 1.5: must be in [0, 1]")));
   for (const char* text : {"0", "17", "x", "2:", "2:1,1", "2:1,1,1,1", ":1,1,1", "2:2,0,0"}) {
-    EXPECT_THAT(ParseSilhouette(text), StatusIs(absl::StatusCode::kInvalidArgument)) << text;
+    EXPECT_THAT(TryParse({absl::StrCat("--silhouette=", text)}),
+                StatusIs(absl::StatusCode::kInvalidArgument))
+        << text;
   }
   for (const char* text : {"0", "2", "3", "25", "-4", "4x"}) {
     EXPECT_THAT(TryParse({"--samples", text}), StatusIs(absl::StatusCode::kInvalidArgument))
         << text;
   }
+}
+
+TEST(EffectFlagsTest, HelpSaysTheValuesTheirLimitsAndTheirDefaults) {
+  cli::FlagSet set({.has_help = false});
+  EffectFlags flags;
+  AddEffectFlags(&set, &flags);
+  const std::vector<cli::FlagDescription> described = set.Describe();
+  ASSERT_EQ(described.size(), 3U);
+  EXPECT_EQ(described[1].value_name, "[RADIUS[,STRENGTH]]");
+  EXPECT_EQ(described[1].help,
+            "darken what lies in hollows: how far to look, 4 to 56 pixels (default: 32), and how "
+            "much, 0 to 1 (default: 1)");
+  EXPECT_EQ(described[2].value_name, "[WIDTH[:COLOR]]");
+  EXPECT_EQ(described[2].help,
+            "draw lines where surfaces end: 1 to 16 pixels wide (default: 2), and their colour, as "
+            "of --color (default: black)");
+}
+
+// The options tell people what wire/frame_convert checks, and what frame::PictureEffects begins with.
+TEST(EffectFlagsTest, LimitsAndDefaultsAreThoseOfTheServer) {
+  const auto options = [](const google::protobuf::Descriptor* effect, const char* name) {
+    return effect->FindFieldByName(name)->options().GetExtension(isoscope::v1::value_options);
+  };
+  const auto radius = options(isoscope::v1::AmbientOcclusion::descriptor(), "radius_px");
+  EXPECT_EQ(radius.min(), frame::AmbientOcclusion::kMinRadiusPx);
+  EXPECT_EQ(radius.max(), frame::AmbientOcclusion::kMaxRadiusPx);
+  EXPECT_EQ(radius.default_text(), absl::StrCat(frame::AmbientOcclusion().radius_px));
+  const auto strength = options(isoscope::v1::AmbientOcclusion::descriptor(), "strength");
+  EXPECT_EQ(strength.default_text(), absl::StrCat(frame::AmbientOcclusion().strength));
+  const auto width = options(isoscope::v1::Silhouette::descriptor(), "width_px");
+  EXPECT_EQ(width.min(), 1);
+  EXPECT_EQ(width.max(), frame::Silhouette::kMaxWidthPx);
+  EXPECT_EQ(width.default_text(), absl::StrCat(frame::Silhouette().width_px));
 }
 
 TEST(EffectFlagsTest, SamplesDecideWhatIsDrawnAndHowLargeARegionMayBe) {

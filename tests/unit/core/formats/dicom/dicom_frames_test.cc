@@ -109,13 +109,13 @@ TEST_F(DicomFramesTest, ImagesAtOnePlaceAreSteps) {
     }
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.path()));
-  EXPECT_THAT(series->times(), ElementsAre(0, 1));
-  EXPECT_EQ(series->length_unit(), "mm");
+  EXPECT_THAT(series->info().times, ElementsAre(0, 1));
+  EXPECT_EQ(series->info().length_unit, "mm");
   for (int t = 0; t < 2; ++t) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, t));
-    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{kWidth, kHeight, 3}));
-    EXPECT_EQ(volume->geometry().origin, (math::Vec3d{10, 20, 30}));
-    EXPECT_TRUE(volume->patient_frame().has_value());
+    EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{kWidth, kHeight, 3}));
+    EXPECT_EQ(volume->info().geometry.origin, (math::Vec3d{10, 20, 30}));
+    EXPECT_TRUE(volume->info().patient_frame.has_value());
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 2));
     EXPECT_EQ(bytes, Pixels(3 * t) + Pixels(3 * t + 1) + Pixels(3 * t + 2));
   }
@@ -125,8 +125,8 @@ TEST_F(DicomFramesTest, ImagesAtOnePlaceAreSteps) {
 TEST_F(DicomFramesTest, FramesAreSlicesByTheirPositions) {
   WriteFrames("a.dcm", {34, 30, 32}, {"", "", ""});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("a.dcm")));
-  EXPECT_EQ(volume->scalar_type(), volume::ScalarType::kInt16);
-  const math::Mat4d to_world = volume->geometry().world_from_index();
+  EXPECT_EQ(volume->info().type, volume::ScalarType::kInt16);
+  const math::Mat4d to_world = volume->info().geometry.world_from_index();
   EXPECT_EQ(math::TransformPoint(to_world, {0, 0, 0}), (math::Vec3d{10, 20, 30}));
   EXPECT_EQ(math::TransformPoint(to_world, {3, 2, 2}), (math::Vec3d{11.5, 24, 34}));
   for (const std::int64_t planes : {1, 3}) {
@@ -146,9 +146,9 @@ TEST_F(DicomFramesTest, FramesHaveTheirOwnSlopesAndSteps) {
   WriteFrames("a.dcm", {30, 30, 32, 32},
               {group(2, "2"), group(1, "1"), group(2, "0.5"), group(1, "1")});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a.dcm")));
-  EXPECT_THAT(series->times(), ElementsAre(0, 1));
+  EXPECT_THAT(series->info().times, ElementsAre(0, 1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 1));
-  ASSERT_EQ(volume->scalar_type(), volume::ScalarType::kFloat32);
+  ASSERT_EQ(volume->info().type, volume::ScalarType::kFloat32);
   const auto values = ValuesOf<float>(ReadAll(*volume, 2).value());
   for (int i = 0; i < kSamples; ++i) {
     EXPECT_EQ(values[static_cast<std::size_t>(i)], static_cast<float>(2 * i - 5));
@@ -166,7 +166,7 @@ TEST_F(DicomFramesTest, DoseGridsAreScaledAndLieAtTheirOffsets) {
          .frames = 3},
         Pixels(0) + Pixels(1) + Pixels(2));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("dose.dcm")));
-  ASSERT_EQ(volume->scalar_type(), volume::ScalarType::kFloat32);
+  ASSERT_EQ(volume->info().type, volume::ScalarType::kFloat32);
   const auto values = ValuesOf<float>(ReadAll(*volume, 2).value());
   for (int image = 0; image < 3; ++image) {
     for (int i = 0; i < kSamples; ++i) {
@@ -174,7 +174,7 @@ TEST_F(DicomFramesTest, DoseGridsAreScaledAndLieAtTheirOffsets) {
                 0.25F * static_cast<float>(100 * image + i));
     }
   }
-  EXPECT_EQ(math::TransformPoint(volume->geometry().world_from_index(), {3, 2, 2}),
+  EXPECT_EQ(math::TransformPoint(volume->info().geometry.world_from_index(), {3, 2, 2}),
             (math::Vec3d{11.5, 24, 36}));
 }
 
@@ -196,7 +196,7 @@ TEST_F(DicomFramesTest, HighThroughputJpeg2000IsDecoded) {
                                     ""));
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("h0")));
-    ASSERT_EQ(volume->scalar_type(), volume::ScalarType::kInt16) << "12 bits from -1024 on";
+    ASSERT_EQ(volume->info().type, volume::ScalarType::kInt16) << "12 bits from -1024 on";
     const auto values = ValuesOf<std::int16_t>(ReadAll(*volume, 2).value());
     for (std::size_t i = 0; i < 64; ++i) {
       ASSERT_EQ(values[i], samples[i]);
@@ -245,11 +245,11 @@ TEST_F(DicomFramesTest, NuclearMedicineIsStackedAgainstTheNormalByANegativeDista
     return OpenVolumeFile(dir_.Sub("n.dcm"));
   };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto along, write("4"));
-  EXPECT_EQ(math::TransformPoint(along->geometry().world_from_index(), {0, 0, 1}),
+  EXPECT_EQ(math::TransformPoint(along->info().geometry.world_from_index(), {0, 0, 1}),
             (math::Vec3d{5, 2, 3}));
   EXPECT_EQ(ReadAll(*along, 2).value(), Pixels(0) + Pixels(1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto against, write("-4"));
-  EXPECT_EQ(against->geometry().origin, (math::Vec3d{-3, 2, 3}));
+  EXPECT_EQ(against->info().geometry.origin, (math::Vec3d{-3, 2, 3}));
   EXPECT_EQ(ReadAll(*against, 2).value(), Pixels(1) + Pixels(0));
 }
 
@@ -268,7 +268,7 @@ TEST_F(DicomFramesTest, FramesAtOnePlaceAreInTheOrderOfTheirDimensions) {
   WriteFrames("a.dcm", {32, 30, 30, 32}, {index(2, 1), index(1, 2), index(1, 1), index(2, 2)},
               dimensions);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a.dcm")));
-  ASSERT_EQ(series->step_count(), 2);
+  ASSERT_EQ(series->info().step_count(), 2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, series->Open(0, 0, 0));
   EXPECT_EQ(ReadAll(*first, 2).value(), Pixels(2) + Pixels(0));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, series->Open(0, 0, 1));
@@ -296,9 +296,9 @@ TEST_F(DicomFramesTest, UltrasoundVolumesLieByTheProbe) {
          .frames = 2},
         Pixels(0) + Pixels(1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("u.dcm")));
-  EXPECT_EQ(volume->geometry().origin, (math::Vec3d{5, 6, -2}));
-  EXPECT_EQ(volume->geometry().spacing.z, 3);
-  EXPECT_FALSE(volume->patient_frame().has_value());
+  EXPECT_EQ(volume->info().geometry.origin, (math::Vec3d{5, 6, -2}));
+  EXPECT_EQ(volume->info().geometry.spacing.z, 3);
+  EXPECT_FALSE(volume->info().patient_frame.has_value());
 }
 
 TEST_F(DicomFramesTest, FilesOfFramesAreStepsInTheOrderOfTheirNumbers) {
@@ -313,7 +313,7 @@ TEST_F(DicomFramesTest, FilesOfFramesAreStepsInTheOrderOfTheirNumbers) {
           Pixels(2 * file) + Pixels(2 * file + 1));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.path()));
-  ASSERT_EQ(series->step_count(), 2);
+  ASSERT_EQ(series->info().step_count(), 2);
   for (int step = 0; step < 2; ++step) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, step));
     EXPECT_EQ(ReadAll(*volume, 2).value(), Pixels(2 * step) + Pixels(2 * step + 1));

@@ -61,15 +61,15 @@ TEST_F(DicomSegmentationTest, SegmentsAreNumbersOnTheGridOfTheirPlanes) {
                                                                     {"10\\20\\30", 9, kRight},
                                                                     {"10\\20\\30", 2, kLeft},
                                                                     {"10\\20\\32.5", 9, kLeft}}}));
-  ASSERT_EQ(series->fields().size(), 1U);
-  EXPECT_EQ(series->fields()[0].name, "s");
-  EXPECT_EQ(series->length_unit(), "mm");
+  ASSERT_EQ(series->info().fields.size(), 1U);
+  EXPECT_EQ(series->info().fields[0].name, "s");
+  EXPECT_EQ(series->info().length_unit, "mm");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-  EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{5, 3, 4}));
-  EXPECT_EQ(volume->scalar_type(), ScalarType::kUint8);
-  EXPECT_EQ(volume->memory_bytes(), kDicomModuleBytes + 2 * 5 * 3) << "and two slices";
-  EXPECT_TRUE(volume->patient_frame().has_value());
-  const math::Mat4d to_world = volume->geometry().world_from_index();
+  EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{5, 3, 4}));
+  EXPECT_EQ(volume->info().type, ScalarType::kUint8);
+  EXPECT_EQ(volume->info().memory_bytes, kDicomModuleBytes + 2 * 5 * 3) << "and two slices";
+  EXPECT_TRUE(volume->info().patient_frame.has_value());
+  const math::Mat4d to_world = volume->info().geometry.world_from_index();
   EXPECT_EQ(math::TransformPoint(to_world, {0, 0, 0}), (math::Vec3d{10, 20, 30}));
   EXPECT_EQ(math::TransformPoint(to_world, {4, 2, 3}), (math::Vec3d{12, 24, 37.5}));
   std::vector<std::uint8_t> expected;
@@ -102,9 +102,9 @@ TEST_F(DicomSegmentationTest, SegmentsThatOverlapAreLayers) {
                                                                     {"0\\0\\1", 2, kAll},
                                                                     {"0\\0\\1", 3, kRight},
                                                                     {"0\\0\\2", 2, kLeft}}}));
-  ASSERT_EQ(series->fields().size(), 2U);
-  EXPECT_EQ(series->fields()[0].name, "layer 1");
-  EXPECT_EQ(series->fields()[1].name, "layer 2");
+  ASSERT_EQ(series->info().fields.size(), 2U);
+  EXPECT_EQ(series->info().fields[0].name, "layer 1");
+  EXPECT_EQ(series->info().fields[1].name, "layer 2");
   const auto first = Samples<std::uint8_t>(series.get(), 0);
   const auto second = Samples<std::uint8_t>(series.get(), 1);
   for (std::size_t i = 0; i < 15; ++i) {
@@ -125,9 +125,9 @@ TEST_F(DicomSegmentationTest, SharesAreAFieldForEachSegment) {
             .bits = 8,
             .frames = {{"0\\0\\2", 1, shares}, {"0\\0\\1", 4, other}, {"0\\0\\2", 4, other}},
             .segments = {{1, "liver"}, {4, "liver"}}}));
-  ASSERT_EQ(series->fields().size(), 2U);
-  EXPECT_EQ(series->fields()[0].name, "liver");
-  EXPECT_EQ(series->fields()[1].name, "liver segment 4");
+  ASSERT_EQ(series->info().fields.size(), 2U);
+  EXPECT_EQ(series->info().fields[0].name, "liver");
+  EXPECT_EQ(series->info().fields[1].name, "liver segment 4");
   const auto first = Samples<std::uint8_t>(series.get(), 0);
   EXPECT_EQ(first[0], 0);
   EXPECT_EQ(first[16], 255);

@@ -76,12 +76,12 @@ TEST_F(DicomSourceTest, SeriesIsStackedByPositionFromItsFolderAndFromAFile) {
   WriteFile(dir_.Sub("readme.txt"), "no slice");
   for (const std::string& path : {dir_.path(), Path(3)}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{12, 9, 5}));
-    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 1.5}));
-    EXPECT_EQ(source->geometry().origin, (math::Vec3d{10, 20, 30}));
-    EXPECT_EQ(source->scalar_type(), ScalarType::kInt16);
-    EXPECT_EQ(source->patient_frame(), volume::PatientFrame()) << "LPS";
-    EXPECT_EQ(source->memory_bytes(), kDicomModuleBytes + 2 * 12 * 9 * 2) << "and two slices";
+    EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{12, 9, 5}));
+    EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 2, 1.5}));
+    EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{10, 20, 30}));
+    EXPECT_EQ(source->info().type, ScalarType::kInt16);
+    EXPECT_EQ(source->info().patient_frame, volume::PatientFrame()) << "LPS";
+    EXPECT_EQ(source->info().memory_bytes, kDicomModuleBytes + 2 * 12 * 9 * 2) << "and two slices";
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
     EXPECT_TRUE(read == samples_);
   }
@@ -93,10 +93,10 @@ TEST_F(DicomSourceTest, ObliqueSeriesKeepsItsOrientation) {
     Write(z, {.position = absl::StrCat(10 + 3 * z, "\\20\\30"), .orientation = "0\\1\\0\\0\\0\\1"});
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
-  EXPECT_EQ(source->geometry().direction.columns[0], (math::Vec3d{0, 1, 0}));
-  EXPECT_EQ(source->geometry().direction.columns[1], (math::Vec3d{0, 0, 1}));
-  EXPECT_EQ(source->geometry().direction.columns[2], (math::Vec3d{1, 0, 0}));
-  EXPECT_DOUBLE_EQ(source->geometry().spacing.z, 3);
+  EXPECT_EQ(source->info().geometry.direction.columns[0], (math::Vec3d{0, 1, 0}));
+  EXPECT_EQ(source->info().geometry.direction.columns[1], (math::Vec3d{0, 0, 1}));
+  EXPECT_EQ(source->info().geometry.direction.columns[2], (math::Vec3d{1, 0, 0}));
+  EXPECT_DOUBLE_EQ(source->info().geometry.spacing.z, 3);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 5));
   EXPECT_TRUE(read == samples_);
 }
@@ -124,8 +124,9 @@ TEST_F(DicomSourceTest, TiltedGantryKeepsEachSliceInItsPlace) {
     Write(z, {.position = absl::StrCat("10\\", 20 + 2 * z, "\\", 30 + 1.5 * z)});
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 2.5}));
-  const math::Vec3d last = math::TransformPoint(source->geometry().world_from_index(), {11, 8, 4});
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 2, 2.5}));
+  const math::Vec3d last =
+      math::TransformPoint(source->info().geometry.world_from_index(), {11, 8, 4});
   EXPECT_LT(math::Length(last - math::Vec3d{15.5, 44, 36}), 1e-12);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
   EXPECT_TRUE(read == samples_);
@@ -142,10 +143,10 @@ TEST_F(DicomSourceTest, UnevenSlicesAreResampledIfTheRulesSaySo) {
                              HasSubstr("--resample"))));
   const GridRules rules{.resamples = true};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path(), "", rules));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{12, 9, 7}));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 1}));
-  EXPECT_EQ(source->scalar_type(), ScalarType::kFloat32);
-  EXPECT_EQ(source->patient_frame(), volume::PatientFrame());
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{12, 9, 7}));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 2, 1}));
+  EXPECT_EQ(source->info().type, ScalarType::kFloat32);
+  EXPECT_EQ(source->info().patient_frame, volume::PatientFrame());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
   const auto sample = [&](int z, std::size_t i) {
     std::int16_t value = 0;
@@ -180,9 +181,9 @@ TEST_F(DicomSourceTest, FolderOfTwoSeriesAsksForAFileOfOne) {
   EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("2 series")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, OpenVolumeFile(Path(0)));
-  EXPECT_EQ(first->geometry().sample_dims.z, 5);
+  EXPECT_EQ(first->info().geometry.sample_dims.z, 5);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, OpenVolumeFile(dir_.Sub("other1.dcm")));
-  EXPECT_EQ(second->geometry().sample_dims.z, 2);
+  EXPECT_EQ(second->info().geometry.sample_dims.z, 2);
 }
 
 // Reads the whole series and returns the text on standard output and error.

@@ -68,12 +68,12 @@ TEST_F(Hdf5CoordinatesTest, AxesOfNexusGiveSpacingOriginAndUnit) {
     WriteHdf5Texts(file_.get(), axis, "units", {"mm"});
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
-  const volume::GridGeometry& grid = source->geometry();
+  const volume::GridGeometry& grid = source->info().geometry;
   EXPECT_EQ(grid.sample_dims, (math::Index3{4, 3, 2}));
   EXPECT_EQ(grid.spacing, (math::Vec3d{0.25, 0.5, 3}));
   EXPECT_EQ(grid.origin, (math::Vec3d{0.25, -1, 10}));
   EXPECT_EQ(grid.direction.columns[1], (math::Vec3d{0, -1, 0})) << "y descends";
-  EXPECT_EQ(series_->length_unit(), "mm");
+  EXPECT_EQ(series_->info().length_unit, "mm");
 }
 
 // [x][y][z], as many write it: the slowest axis of the file is x of the world.
@@ -83,7 +83,7 @@ TEST_F(Hdf5CoordinatesTest, NamesDecideWhichAxisIsWhich) {
   Write("g/y", {3}, {0, 1, 2});
   Write("g/z", {4}, {100, 101, 102, 103});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
-  const volume::GridGeometry& grid = source->geometry();
+  const volume::GridGeometry& grid = source->info().geometry;
   EXPECT_EQ(grid.sample_dims, (math::Index3{4, 3, 2}));
   EXPECT_EQ(grid.direction.columns[2], (math::Vec3d{1, 0, 0}));
   EXPECT_EQ(grid.direction.columns[1], (math::Vec3d{0, 1, 0}));
@@ -95,18 +95,18 @@ TEST_F(Hdf5CoordinatesTest, NamesDecideWhichAxisIsWhich) {
 TEST_F(Hdf5CoordinatesTest, LettersOfTheUserGoBeforeNames) {
   WritePlot({"x", "y", "z"});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v", "ZYX"));
-  EXPECT_EQ(source->geometry().direction.columns[0], (math::Vec3d{1, 0, 0}));
+  EXPECT_EQ(source->info().geometry.direction.columns[0], (math::Vec3d{1, 0, 0}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto turned, Open("g/v", "ZXY"));
-  EXPECT_EQ(turned->geometry().direction.columns[0], (math::Vec3d{0, 1, 0}));
-  EXPECT_EQ(turned->geometry().direction.columns[1], (math::Vec3d{1, 0, 0}));
+  EXPECT_EQ(turned->info().geometry.direction.columns[0], (math::Vec3d{0, 1, 0}));
+  EXPECT_EQ(turned->info().geometry.direction.columns[1], (math::Vec3d{1, 0, 0}));
 }
 
 TEST_F(Hdf5CoordinatesTest, BordersBetweenSamplesBecomeMiddles) {
   WritePlot({"z", ".", "."});
   Write("g/z", {3}, {10, 12, 14});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
-  EXPECT_EQ(source->geometry().spacing.z, 2);
-  EXPECT_EQ(source->geometry().origin.z, 11);
+  EXPECT_EQ(source->info().geometry.spacing.z, 2);
+  EXPECT_EQ(source->info().geometry.origin.z, 11);
 }
 
 TEST_F(Hdf5CoordinatesTest, CoordinatesThatDoNotFitAreRefusedByName) {
@@ -135,8 +135,8 @@ TEST_F(Hdf5CoordinatesTest, NexusScalesCoordinates) {
   Write("g/x_scaling_factor", {1}, {0.5});
   Write("g/x_offset", {1}, {10});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 1, 2}));
-  EXPECT_EQ(source->geometry().origin, (math::Vec3d{5, 0, 0}));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 1, 2}));
+  EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{5, 0, 0}));
 }
 
 TEST_F(Hdf5CoordinatesTest, ValuesThatNexusScalesAreRefusedByName) {
@@ -157,8 +157,8 @@ TEST_F(Hdf5CoordinatesTest, LengthsInSeveralUnitsBecomeMetresBesideOtherAxes) {
   file_ = Hdf5Handle(H5Fopen(path_.c_str(), H5F_ACC_RDWR, H5P_DEFAULT), H5Fclose);
   WriteHdf5Texts(file_.get(), "g/y", "units", {"K"});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v"));
-  EXPECT_LT(math::Length(source->geometry().spacing - math::Vec3d{1e-3, 0.5, 2e-6}), 1e-15);
-  EXPECT_EQ(series_->length_unit(), "");
+  EXPECT_LT(math::Length(source->info().geometry.spacing - math::Vec3d{1e-3, 0.5, 2e-6}), 1e-15);
+  EXPECT_EQ(series_->info().length_unit, "");
 }
 
 TEST_F(Hdf5CoordinatesTest, LengthsAlongOneAxisOnlyAreRefused) {
@@ -169,7 +169,7 @@ TEST_F(Hdf5CoordinatesTest, LengthsAlongOneAxisOnlyAreRefused) {
   EXPECT_THAT(Open("u"), StatusIs(kInvalid, AllOf(HasSubstr("\"z\" has coordinates in m"),
                                                   HasSubstr("\"X\" has none"))));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u", "", {.has_spacing = true}));
-  EXPECT_EQ(source->geometry().spacing.z, 250);
+  EXPECT_EQ(source->info().geometry.spacing.z, 250);
 }
 
 TEST_F(Hdf5CoordinatesTest, UnevenAxisNeedsResampling) {
@@ -180,8 +180,8 @@ TEST_F(Hdf5CoordinatesTest, UnevenAxisNeedsResampling) {
   EXPECT_THAT(Open("g/v"),
               StatusIs(kInvalid, AllOf(HasSubstr("\"x\" is not even"), HasSubstr("--resample"))));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("g/v", "", {.resamples = true}));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{6, 3, 2}));
-  EXPECT_EQ(source->geometry().spacing.x, 1);
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{6, 3, 2}));
+  EXPECT_EQ(source->info().geometry.spacing.x, 1);
 }
 
 TEST_F(Hdf5CoordinatesTest, DimensionScalesGivePositionsToo) {
@@ -191,10 +191,11 @@ TEST_F(Hdf5CoordinatesTest, DimensionScalesGivePositionsToo) {
   WriteHdf5Texts(file_.get(), "u", "DIMENSION_LABELS", {"", "", "y", "x"});
   WriteHdf5Scales(file_.get(), "u", {"/time", "/depth", "", ""});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u"));
-  EXPECT_THAT(series_->times(), ElementsAre(0, 1, 2, 4, 8));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 2}));
-  EXPECT_EQ(source->geometry().origin, (math::Vec3d{0, 0, 3}));
-  EXPECT_EQ(source->geometry().direction.columns[2], (math::Vec3d{0, 0, 1})) << "up, as it counts";
+  EXPECT_THAT(series_->info().times, ElementsAre(0, 1, 2, 4, 8));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 2}));
+  EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{0, 0, 3}));
+  EXPECT_EQ(source->info().geometry.direction.columns[2], (math::Vec3d{0, 0, 1}))
+      << "up, as it counts";
 }
 
 TEST_F(Hdf5CoordinatesTest, TimesMustAscend) {
@@ -212,7 +213,7 @@ TEST_F(Hdf5CoordinatesTest, ScaleThatNetcdfMadeWithoutValuesIsNone) {
                  {"This is a netCDF dimension but not a netCDF variable.        2"});
   WriteHdf5Scales(file_.get(), "u", {"/z", "", ""});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u"));
-  EXPECT_EQ(source->geometry().spacing.z, 1);
+  EXPECT_EQ(source->info().geometry.spacing.z, 1);
 }
 
 TEST_F(Hdf5CoordinatesTest, ScaleOfEqualValuesIsRefused) {
@@ -228,7 +229,7 @@ TEST_F(Hdf5CoordinatesTest, ElementSizeIsForAxesWithoutCoordinates) {
   WriteHdf5Scales(file_.get(), "u", {"/z", "", ""});
   WriteHdf5Numbers(file_.get(), "u", "element_size_um", {4, 2, 0.5});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u"));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 9}));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 2, 9}));
 }
 
 TEST_F(Hdf5CoordinatesTest, ElementSizeIsInMicrometres) {
@@ -240,11 +241,11 @@ TEST_F(Hdf5CoordinatesTest, ElementSizeIsInMicrometres) {
   WriteHdf5Texts(file_.get(), "z", "units", {"mm"});
   WriteHdf5Scales(file_.get(), "mixed", {"/z", "", ""});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("u"));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
-  EXPECT_EQ(series_->length_unit(), "um");
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 2, 4}));
+  EXPECT_EQ(series_->info().length_unit, "um");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mixed, Open("mixed"));
-  EXPECT_LT(math::Length(mixed->geometry().spacing - math::Vec3d{0.5e-6, 2e-6, 2e-6}), 1e-15);
-  EXPECT_EQ(series_->length_unit(), "m");
+  EXPECT_LT(math::Length(mixed->info().geometry.spacing - math::Vec3d{0.5e-6, 2e-6, 2e-6}), 1e-15);
+  EXPECT_EQ(series_->info().length_unit, "m");
 }
 
 TEST_F(Hdf5CoordinatesTest, ElementSizeThatIsNoneIsRefusedByName) {
@@ -263,15 +264,15 @@ TEST_F(Hdf5CoordinatesTest, AttributeWithTheNamesOfAllAxesDecides) {
                  {"{\"axes\": [{\"key\": \"z\"}, {\"key\": \"y\"}, {\"key\": \"x\"}, "
                   "{\"key\": \"c\"}]}"});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("v"));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 2}));
-  EXPECT_EQ(series_->fields()[0].components.size(), 5U);
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
+  EXPECT_EQ(series_->info().fields[0].components.size(), 5U);
 }
 
 TEST_F(Hdf5CoordinatesTest, NamesThatMeanOtherThingsLeaveThePlainOrder) {
   Write("v", {2, 3, 4}, samples_);
   WriteHdf5Texts(file_.get(), "v", "axes", {"t", "y", "x"});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open("v"));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 2}));
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
 }
 
 }  // namespace

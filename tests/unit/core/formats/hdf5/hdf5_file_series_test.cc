@@ -116,19 +116,19 @@ TEST_F(Hdf5FileSeriesTest, EachPatternOpensAllFilesAsSteps) {
       continue;
     }
     ISOSCOPE_ASSERT_OK(series.status()) << pattern;
-    EXPECT_THAT((*series)->times(), ElementsAre(0, 45, 50, 500));
-    EXPECT_EQ((*series)->time_unit(), "s");
-    EXPECT_EQ((*series)->length_unit(), "m");
-    EXPECT_EQ((*series)->name(), dir_.Sub(pattern));
-    ASSERT_EQ((*series)->fields().size(), 2u);
-    EXPECT_EQ((*series)->fields()[0].name, "E");
-    EXPECT_THAT((*series)->fields()[0].components, ElementsAre("x", "y", "z"));
+    EXPECT_THAT((*series)->info().times, ElementsAre(0, 45, 50, 500));
+    EXPECT_EQ((*series)->info().time_unit, "s");
+    EXPECT_EQ((*series)->info().length_unit, "m");
+    EXPECT_EQ((*series)->info().name, dir_.Sub(pattern));
+    ASSERT_EQ((*series)->info().fields.size(), 2u);
+    EXPECT_EQ((*series)->info().fields[0].name, "E");
+    EXPECT_THAT((*series)->info().fields[0].components, ElementsAre("x", "y", "z"));
     for (const auto& [step, number] : {std::pair<int, float>{3, 1000}, {0, 0}, {1, 90}, {2, 100}}) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto e_y, (*series)->Open(0, 1, step));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*e_y, 1));
       EXPECT_EQ(ValuesOf<float>(bytes)[7], number + 2007);
-      EXPECT_EQ(e_y->geometry().origin, (math::Vec3d{10, 20, 30}));
-      EXPECT_EQ(e_y->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
+      EXPECT_EQ(e_y->info().geometry.origin, (math::Vec3d{10, 20, 30}));
+      EXPECT_EQ(e_y->info().geometry.spacing, (math::Vec3d{0.5, 2, 4}));
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(dir_.Sub(pattern)));
     EXPECT_THAT(files, ElementsAre(dir_.Sub("data00000000.h5"), dir_.Sub("data00000090.h5"),
@@ -160,10 +160,10 @@ TEST_F(Hdf5FileSeriesTest, AMarkStandsForDigitsAlone) {
 TEST_F(Hdf5FileSeriesTest, OneFileIsItsOwnIteration) {
   WriteFour();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeSeries(dir_.Sub("data00000100.h5")));
-  EXPECT_THAT(one->times(), ElementsAre(50));
+  EXPECT_THAT(one->info().times, ElementsAre(50));
   // As does a pattern of one file.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto same, OpenVolumeSeries(dir_.Sub("data*10?.h5:rho")));
-  EXPECT_THAT(same->times(), ElementsAre(50));
+  EXPECT_THAT(same->info().times, ElementsAre(50));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("data*10?.h5:rho")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 1));
   EXPECT_EQ(ValuesOf<float>(bytes)[7], 107);
@@ -174,8 +174,8 @@ TEST_F(Hdf5FileSeriesTest, OneFileIsItsOwnIteration) {
 TEST_F(Hdf5FileSeriesTest, AFieldOrAComponentOfAllFiles) {
   WriteFour();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("data%T.h5:E:z")));
-  ASSERT_EQ(series->fields().size(), 1u);
-  EXPECT_EQ(series->step_count(), 4);
+  ASSERT_EQ(series->info().fields.size(), 1u);
+  EXPECT_EQ(series->info().step_count(), 4);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto e_z, series->Open(0, 0, 3));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*e_z, 1));
   EXPECT_EQ(ValuesOf<float>(bytes)[0], 4000);
@@ -214,8 +214,8 @@ TEST_F(Hdf5FileSeriesTest, TheFileThatDiffersIsNamedWithItsValues) {
   WriteIteration("data00000000.h5", 0, 0, {.lacks = "E"});
   WriteIteration("data00000090.h5", 90, 90);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("data*.h5")));
-  ASSERT_EQ(series->fields().size(), 1u);
-  EXPECT_EQ(series->fields()[0].name, "rho");
+  ASSERT_EQ(series->info().fields.size(), 1u);
+  EXPECT_EQ(series->info().fields[0].name, "rho");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto rho, series->Open(0, 0, 1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*rho, 1));
   EXPECT_EQ(ValuesOf<float>(bytes)[7], 97);

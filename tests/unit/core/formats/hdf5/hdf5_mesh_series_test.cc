@@ -114,7 +114,7 @@ class Hdf5MeshSeriesTest : public ::testing::Test {
 };
 
 math::Vec3d At(const VolumeSource& volume, const math::Vec3d& index) {
-  return math::TransformPoint(volume.geometry().world_from_index(), index);
+  return math::TransformPoint(volume.info().geometry.world_from_index(), index);
 }
 
 TEST_F(Hdf5MeshSeriesTest, ArraysOfVtkHdfWithAndWithoutSteps) {
@@ -122,11 +122,11 @@ TEST_F(Hdf5MeshSeriesTest, ArraysOfVtkHdfWithAndWithoutSteps) {
     const std::string path = dir_.Sub(times.empty() ? "a.vtkhdf" : "a.h5");
     WriteImage(path, times);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    EXPECT_EQ(series->times(), times);
-    ASSERT_EQ(series->fields().size(), 2u);
-    EXPECT_EQ(series->fields()[0].name, "p");
-    EXPECT_THAT(series->fields()[1].components, ElementsAre("x", "y", "z"));
-    for (int step = 0; step < series->step_count(); ++step) {
+    EXPECT_EQ(series->info().times, times);
+    ASSERT_EQ(series->info().fields.size(), 2u);
+    EXPECT_EQ(series->info().fields[0].name, "p");
+    EXPECT_THAT(series->info().fields[1].components, ElementsAre("x", "y", "z"));
+    for (int step = 0; step < series->info().step_count(); ++step) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, series->Open(0, 0, step));
       // Index x runs along world y, index y against world x.
       EXPECT_EQ(At(*p, {0, 0, 0}), (math::Vec3d{10, 20.5, 30}));
@@ -139,8 +139,8 @@ TEST_F(Hdf5MeshSeriesTest, ArraysOfVtkHdfWithAndWithoutSteps) {
       EXPECT_EQ(ValuesOf<float>(vectors)[7], static_cast<float>(72 * offset + 3 * 7 + 1));
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":v:z"));
-    EXPECT_EQ(part->fields()[0].name, "v");
-    EXPECT_EQ(part->step_count(), series->step_count());
+    EXPECT_EQ(part->info().fields[0].name, "v");
+    EXPECT_EQ(part->info().step_count(), series->info().step_count());
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
     EXPECT_THAT(files, ElementsAre(path));
     EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("p, v (x, y, z)")));
@@ -204,8 +204,8 @@ TEST_F(Hdf5MeshSeriesTest, FilesOfVtkHdfAreStepsByAPattern) {
   };
   for (const Case& c : {Case{"a*.vtkhdf", {0, 1}}, Case{"b%T.h5", {2.5, 4}}}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub(c.pattern)));
-    EXPECT_EQ(series->times(), c.times);
-    ASSERT_EQ(series->fields().size(), 2u);
+    EXPECT_EQ(series->info().times, c.times);
+    ASSERT_EQ(series->info().fields.size(), 2u);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, series->Open(0, 0, 1));
     EXPECT_EQ(At(*p, {3, 2, 1}), (math::Vec3d{6, 22, 34}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*p, 1));
@@ -213,7 +213,7 @@ TEST_F(Hdf5MeshSeriesTest, FilesOfVtkHdfAreStepsByAPattern) {
   }
   // A file alone has no time, as without a pattern.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeSeries(dir_.Sub("a9*.vtkhdf")));
-  EXPECT_TRUE(one->times().empty());
+  EXPECT_TRUE(one->info().times.empty());
   WriteImage(dir_.Sub("b10.h5"), {4, 5});
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("b*.h5")),
               StatusIs(kInvalid, AllOf(HasSubstr("b10.h5"), HasSubstr("2 steps"))));
@@ -223,19 +223,19 @@ TEST_F(Hdf5MeshSeriesTest, RecordsOfOpenPmd) {
   for (const std::string order : {"C", "F"}) {
     WriteOpenPmd(dir_.Sub("a.h5"), false, order);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a.h5")));
-    EXPECT_THAT(series->times(), ElementsAre(1, 2));
-    EXPECT_EQ(series->time_unit(), "s");
-    EXPECT_EQ(series->length_unit(), "m");
-    ASSERT_EQ(series->fields().size(), 1u);
-    EXPECT_EQ(series->fields()[0].name, "E");
-    EXPECT_EQ(series->fields()[0].unit, "m kg s^-3 A^-1");
+    EXPECT_THAT(series->info().times, ElementsAre(1, 2));
+    EXPECT_EQ(series->info().time_unit, "s");
+    EXPECT_EQ(series->info().length_unit, "m");
+    ASSERT_EQ(series->info().fields.size(), 1u);
+    EXPECT_EQ(series->info().fields[0].name, "E");
+    EXPECT_EQ(series->info().fields[0].unit, "m kg s^-3 A^-1");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto e_y, series->Open(0, 1, 1));
     EXPECT_EQ(At(*e_y, {0, 0, 0}), (math::Vec3d{2 * 10.25, 2 * 21, 2 * 32}));
     EXPECT_EQ(At(*e_y, {3, 2, 1}), (math::Vec3d{2 * 11.75, 2 * 25, 2 * 36}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*e_y, 1));
     EXPECT_EQ(ValuesOf<float>(read)[7], 2107);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto rho, OpenVolumeSeries(dir_.Sub("a.h5:rho")));
-    EXPECT_EQ(rho->fields()[0].unit, "2 m kg s^-3 A^-1");
+    EXPECT_EQ(rho->info().fields[0].unit, "2 m kg s^-3 A^-1");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, rho->Open(0, 0, 0));
     EXPECT_EQ(At(*first, {0, 0, 0}), (math::Vec3d{20, 40, 60}));
   }
@@ -244,7 +244,7 @@ TEST_F(Hdf5MeshSeriesTest, RecordsOfOpenPmd) {
 TEST_F(Hdf5MeshSeriesTest, StaggeredComponentsAreFieldsOfTheirOwn) {
   WriteOpenPmd(dir_.Sub("a.h5"), true);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto x, OpenVolumeSeries(dir_.Sub("a.h5:E/x")));
-  EXPECT_EQ(x->fields()[0].name, "E/x");
+  EXPECT_EQ(x->info().fields[0].name, "E/x");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, x->Open(0, 0, 0));
   EXPECT_EQ(At(*volume, {0, 0, 0}), (math::Vec3d{20, 42, 64}));
 }
@@ -275,19 +275,19 @@ TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
   };
   write({2, 3, 4});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  ASSERT_EQ(series->fields().size(), 2u);
-  EXPECT_THAT(series->fields()[0].components, ElementsAre("x", "y"));
-  EXPECT_EQ(series->fields()[1].name, "rho");
+  ASSERT_EQ(series->info().fields.size(), 2u);
+  EXPECT_THAT(series->info().fields[0].components, ElementsAre("x", "y"));
+  EXPECT_EQ(series->info().fields[1].name, "rho");
   for (const int field : {0, 1}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(field, 0, 0));
-    EXPECT_EQ(volume->scalar_type(), volume::ScalarType::kFloat64);
+    EXPECT_EQ(volume->info().type, volume::ScalarType::kFloat64);
     EXPECT_EQ(At(*volume, {3, 2, 1}), (math::Vec3d{2 * 11.5, 2 * 24, 2 * 34}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 1));
     EXPECT_EQ(ValuesOf<double>(bytes), std::vector<double>(24, -0.1));
   }
   write({2, 3, 4}, true);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto single, OpenVolumeFile(path + ":rho"));
-  EXPECT_EQ(single->scalar_type(), volume::ScalarType::kFloat32);
+  EXPECT_EQ(single->info().type, volume::ScalarType::kFloat32);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string floats, ReadAll(*single, 1));
   EXPECT_EQ(ValuesOf<float>(floats), std::vector<float>(24, -0.1F));
   // Shapes that are none leave the components out.
@@ -295,8 +295,8 @@ TEST_F(Hdf5MeshSeriesTest, ConstantComponentsOfOpenPmdAreVolumes) {
        {std::vector<double>{2, 3}, {2, 3, 0}, {2, 3, -4}, {2, 3, 1e300}, {2, 3, 4, 5}}) {
     write(shape);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, OpenVolumeSeries(path));
-    ASSERT_EQ(others->fields().size(), 1u);
-    EXPECT_EQ(others->fields()[0].name, "B/y");
+    ASSERT_EQ(others->info().fields.size(), 1u);
+    EXPECT_EQ(others->info().fields[0].name, "B/y");
   }
   // A grid that is too large for any volume.
   write({1e9, 1e9, 1e9});
@@ -333,16 +333,16 @@ TEST_F(Hdf5MeshSeriesTest, GridsOfOpenPmdAreWholeAndMayRunBackwards) {
   };
   write({4, -2, 0.5});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(path));
-  EXPECT_THAT(series->times(), ElementsAre(3.5));
-  EXPECT_EQ(series->time_unit(), "s");
+  EXPECT_THAT(series->info().times, ElementsAre(3.5));
+  EXPECT_EQ(series->info().time_unit, "s");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
   EXPECT_EQ(At(*volume, {0, 0, 0}), (math::Vec3d{20, 40, 60}));
   EXPECT_EQ(At(*volume, {3, 2, 1}), (math::Vec3d{23, 32, 68}));
   for (const char* without : {"time", "timeUnitSI"}) {
     write({4, 2, 0.5}, without);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(path));
-    EXPECT_THAT(series->times(), ElementsAre(5));
-    EXPECT_EQ(series->time_unit(), "");
+    EXPECT_THAT(series->info().times, ElementsAre(5));
+    EXPECT_EQ(series->info().time_unit, "");
   }
   for (const char* without : {"gridSpacing", "gridUnitSI"}) {
     write({4, 2, 0.5}, without);
@@ -424,7 +424,7 @@ TEST_F(Hdf5MeshSeriesTest, IterationsOfOpenPmdThatDifferAreNamedWithBothValues) 
     // The other record is the same in both.
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto other, OpenVolumeSeries(path + ":v"));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, other->Open(0, 0, 1));
-    EXPECT_EQ(volume->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
+    EXPECT_EQ(volume->info().geometry.spacing, (math::Vec3d{0.5, 2, 4}));
   }
   // What is missing is the default; one number stands for three.
   for (const std::string changed : {"position", "gridGlobalOffset", "unitSI", "unitDimension"}) {
@@ -513,14 +513,14 @@ TEST_F(Hdf5MeshSeriesTest, ChannelsOfImarisAreFieldsOnTheGridOfItsBorders) {
   const std::string path = dir_.Sub("a.ims");
   WriteImaris(path, 2, "2020-06-22 10:00:02.750");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  ASSERT_EQ(series->fields().size(), 2u);
-  EXPECT_EQ(series->fields()[0].name, "DAPI");
-  EXPECT_EQ(series->fields()[1].name, "channel 1");
-  EXPECT_THAT(series->times(), ElementsAre(0, 2.5));
-  EXPECT_EQ(series->time_unit(), "s");
-  EXPECT_EQ(series->length_unit(), "um");
+  ASSERT_EQ(series->info().fields.size(), 2u);
+  EXPECT_EQ(series->info().fields[0].name, "DAPI");
+  EXPECT_EQ(series->info().fields[1].name, "channel 1");
+  EXPECT_THAT(series->info().times, ElementsAre(0, 2.5));
+  EXPECT_EQ(series->info().time_unit, "s");
+  EXPECT_EQ(series->info().length_unit, "um");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
-  const volume::GridGeometry& grid = source->geometry();
+  const volume::GridGeometry& grid = source->info().geometry;
   EXPECT_EQ(grid.sample_dims, (math::Index3{3, 2, 2}));
   EXPECT_EQ(grid.spacing, (math::Vec3d{0.5, 1, 4}));
   EXPECT_EQ(grid.origin, (math::Vec3d{10.25, -1, 2}));  // the middle of the first voxel
@@ -529,7 +529,7 @@ TEST_F(Hdf5MeshSeriesTest, ChannelsOfImarisAreFieldsOnTheGridOfItsBorders) {
   EXPECT_THAT(ValuesOf<float>(bytes),
               ElementsAre(1100, 1101, 1102, 1104, 1105, 1106, 1116, 1117, 1118, 1120, 1121, 1122));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":DAPI"));
-  EXPECT_EQ(part->fields().size(), 1u);
+  EXPECT_EQ(part->info().fields.size(), 1u);
 }
 
 TEST_F(Hdf5MeshSeriesTest, FilesOfImarisAreStepsByAPattern) {
@@ -537,12 +537,12 @@ TEST_F(Hdf5MeshSeriesTest, FilesOfImarisAreStepsByAPattern) {
   WriteImaris(dir_.Sub("a10.ims"), 1, "", "3", 5000);
   {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("a*.ims")));
-    EXPECT_THAT(series->times(), ElementsAre(0, 1));
-    EXPECT_EQ(series->length_unit(), "um");
+    EXPECT_THAT(series->info().times, ElementsAre(0, 1));
+    EXPECT_EQ(series->info().length_unit, "um");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 2));
     EXPECT_EQ(ValuesOf<float>(bytes)[3], 5104);
-    EXPECT_EQ(source->geometry().origin, (math::Vec3d{10.25, -1, 2}));
+    EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{10.25, -1, 2}));
   }
   WriteImaris(dir_.Sub("a10.ims"), 1, "", "2");
   EXPECT_THAT(OpenVolumeSeries(dir_.Sub("a*.ims")),
@@ -554,8 +554,8 @@ TEST_F(Hdf5MeshSeriesTest, ImarisTimesThatDoNotAscendAreNumbers) {
   for (const char* time : {"2020-06-22 09:00:00", "soon"}) {
     WriteImaris(path, 2, time);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    EXPECT_THAT(series->times(), ElementsAre(0, 1));
-    EXPECT_EQ(series->time_unit(), "");
+    EXPECT_THAT(series->info().times, ElementsAre(0, 1));
+    EXPECT_EQ(series->info().time_unit, "");
   }
 }
 

@@ -90,10 +90,10 @@ TEST_F(Hdf5SeriesTest, EveryStepAndComponentOfEveryOrder) {
       const auto size = [&](char letter) {
         return axis(letter) == std::string::npos ? 1 : static_cast<int>(row.dims[axis(letter)]);
       };
-      ASSERT_EQ(series->fields().size(), 1u);
-      EXPECT_EQ(series->fields()[0].name, prefix + letters);
-      EXPECT_EQ(static_cast<int>(series->fields()[0].components.size()), size('C'));
-      EXPECT_EQ(series->step_count(), size('T'));
+      ASSERT_EQ(series->info().fields.size(), 1u);
+      EXPECT_EQ(series->info().fields[0].name, prefix + letters);
+      EXPECT_EQ(static_cast<int>(series->info().fields[0].components.size()), size('C'));
+      EXPECT_EQ(series->info().step_count(), size('T'));
       for (int step = 0; step < size('T'); ++step) {
         for (int component = 0; component < size('C'); ++component) {
           ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, component, step));
@@ -134,16 +134,16 @@ TEST_F(Hdf5SeriesTest, AttributesGiveAxesTimesAndUnits) {
   WriteHdf5Scales(file_.get(), "velocity", {"/time", "", "", "", ""});
   Close();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenHdf5Series(path_, ""));
-  EXPECT_EQ(series->name(), path_);
-  const SourceField& field = series->fields()[0];
+  EXPECT_EQ(series->info().name, path_);
+  const SourceField& field = series->info().fields[0];
   EXPECT_EQ(field.name, "velocity");
   EXPECT_EQ(field.unit, "m/s");
   EXPECT_EQ(field.long_name, "velocity of the fluid");
   EXPECT_THAT(field.components, ElementsAre("x", "y", "z"));
-  EXPECT_THAT(series->times(), ElementsAre(0.25, 4));
-  EXPECT_EQ(series->time_unit(), "ms");
+  EXPECT_THAT(series->info().times, ElementsAre(0.25, 4));
+  EXPECT_EQ(series->info().time_unit, "ms");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 2, 1));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{6, 5, 4}));
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{6, 5, 4}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 4));
   EXPECT_EQ(ValuesOf<std::int32_t>(bytes)[0], 4 * 5 * 6 * 3 + 2);
 }
@@ -152,11 +152,11 @@ TEST_F(Hdf5SeriesTest, VolumeIsASeriesWithoutTime) {
   Write("a", {1, 3, 4, 5});
   Close();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenHdf5Series(path_ + ":a", ""));
-  EXPECT_EQ(series->fields()[0].name, "a");
-  EXPECT_THAT(series->fields()[0].components, ElementsAre(""));
-  EXPECT_THAT(series->times(), IsEmpty());
+  EXPECT_EQ(series->info().fields[0].name, "a");
+  EXPECT_THAT(series->info().fields[0].components, ElementsAre(""));
+  EXPECT_THAT(series->info().times, IsEmpty());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{5, 4, 3}));
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{5, 4, 3}));
 }
 
 TEST_F(Hdf5SeriesTest, MissingOrWrongAxesAreErrorsWithTheShapeAndTheChoices) {
@@ -200,7 +200,7 @@ TEST_F(Hdf5SeriesTest, IntegersThatAreNotExactAreNamed) {
   Close();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenHdf5Series(path_, "TZYX"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, series->Open(0, 0, 0));
-  EXPECT_EQ(first->scalar_type(), volume::ScalarType::kFloat64);
+  EXPECT_EQ(first->info().type, volume::ScalarType::kFloat64);
   ISOSCOPE_EXPECT_OK(ReadAll(*first, 2).status());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, series->Open(0, 0, 1));
   EXPECT_THAT(ReadAll(*second, 2),
@@ -221,9 +221,9 @@ TEST_F(Hdf5SeriesTest, FlippedFilesNeverCrash) {
     flipped[at] = static_cast<char>(flipped[at] ^ 0x41);
     WriteFile(dir_.Sub("cut.h5"), flipped);
     const auto series = OpenHdf5Series(dir_.Sub("cut.h5") + ":/u", "");
-    if (series.ok() && (*series)->step_count() == 2) {
+    if (series.ok() && (*series)->info().step_count() == 2) {
       const auto source = (*series)->Open(0, 0, 1);
-      if (source.ok() && math::Volume((*source)->geometry().sample_dims) <= 24) {
+      if (source.ok() && math::Volume((*source)->info().geometry.sample_dims) <= 24) {
         static_cast<void>(ReadAll(**source, 2));
       }
     }

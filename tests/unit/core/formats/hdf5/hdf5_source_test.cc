@@ -135,8 +135,8 @@ TEST_F(Hdf5SourceTest, EveryTypeByteOrderAndLayoutComesBackExactly) {
         H5Fclose(file);
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
                                       OpenVolumeFile(dir_.Sub("v.h5") + ":/a/deep/volume"));
-        EXPECT_EQ(source->geometry().sample_dims, kDims);
-        EXPECT_EQ(source->scalar_type(), row.type);
+        EXPECT_EQ(source->info().geometry.sample_dims, kDims);
+        EXPECT_EQ(source->info().type, row.type);
         for (const std::int64_t planes : {1, 5, 17}) {
           ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, planes));
           EXPECT_TRUE(read == samples);
@@ -173,8 +173,8 @@ TEST_F(Hdf5SourceTest, AxesOfOneElementAreLeftOutAndTheElementSizeIsTheSpacing) 
   H5Fclose(file);
   // The only volume of the file need not be named.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.Sub("v.hdf5")));
-  EXPECT_EQ(source->geometry().sample_dims, kDims);
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 4}));
+  EXPECT_EQ(source->info().geometry.sample_dims, kDims);
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 2, 4}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 4));
   EXPECT_TRUE(read == samples);
 }
@@ -201,7 +201,7 @@ TEST_F(Hdf5SourceTest, ElementSizesAreThreeDistances) {
         << bad.size() << " " << bad[0];
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
                                   OpenVolumeFile(dir_.Sub("v.h5"), "", {.has_spacing = true}));
-    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
+    EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
   }
 }
 
@@ -227,7 +227,7 @@ TEST_F(Hdf5SourceTest, RowsBeyond32BitIndicesAndBytesAreFound) {
   H5Dclose(dataset);
   H5Fclose(file);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.Sub("big.h5") + ":/v"));
-  EXPECT_EQ(math::Volume(source->geometry().sample_dims), std::int64_t{1200} * 2048 * 2048);
+  EXPECT_EQ(math::Volume(source->info().geometry.sample_dims), std::int64_t{1200} * 2048 * 2048);
   const std::int64_t rows = std::int64_t{1200} * 2048;
   std::string read(samples.size(), '\0');
   ISOSCOPE_ASSERT_OK(source->ReadRows(rows - 64, rows, read.data()));
@@ -284,7 +284,8 @@ TEST_F(Hdf5SourceTest, CutAndFlippedFilesNeverCrash) {
     flipped[at] = static_cast<char>(flipped[at] ^ 0x41);
     WriteFile(dir_.Sub("cut.h5"), flipped);
     const auto source = OpenVolumeFile(dir_.Sub("cut.h5") + ":/v");
-    if (source.ok() && math::Volume((*source)->geometry().sample_dims) <= math::Volume(kDims)) {
+    if (source.ok() &&
+        math::Volume((*source)->info().geometry.sample_dims) <= math::Volume(kDims)) {
       // The library's cache must not turn a failed read into a good one.
       const bool is_read = ReadAll(**source, 17).ok();
       EXPECT_EQ(ReadAll(**source, 17).ok(), is_read) << "byte " << at;

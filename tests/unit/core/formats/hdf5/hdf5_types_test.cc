@@ -64,7 +64,7 @@ class Hdf5TypesTest : public ::testing::Test {
     ISOSCOPE_ASSIGN_OR_RETURN(const auto source,
                               OpenHdf5Volume(std::move(named), std::move(sample_type),
                                              {.z = 0, .y = 1, .x = 2}, 0, 0, grid));
-    EXPECT_EQ(source->scalar_type(), expected);
+    EXPECT_EQ(source->info().type, expected);
     return ReadAll(*source, 1);
   }
   // The error for a dataset of a type that is not read.

@@ -67,7 +67,7 @@ TEST(ItkHdfImageTest, SamplesAndPositionsAreThoseThatItkWrote) {
   const std::string path = dir.Sub("a.h5");
   WriteItkImage(path, {4, 3, 2}, itk::IOComponentEnum::SHORT, samples);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-  const volume::GridGeometry& grid = source->geometry();
+  const volume::GridGeometry& grid = source->info().geometry;
   EXPECT_EQ(grid.sample_dims, (math::Index3{4, 3, 2}));
   EXPECT_EQ(grid.spacing, (math::Vec3d{0.25, 0.5, 0.75}));
   EXPECT_EQ(grid.origin, (math::Vec3d{10, 20, 30}));
@@ -87,8 +87,8 @@ TEST(ItkHdfImageTest, ComponentsAreChosenByNumber) {
   const std::string path = dir.Sub("v.hdf5");
   WriteItkImage(path, {4, 3, 2}, itk::IOComponentEnum::FLOAT, samples, 2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  ASSERT_EQ(series->fields().size(), 1U);
-  EXPECT_THAT(series->fields()[0].components, ElementsAre("0", "1"));
+  ASSERT_EQ(series->info().fields.size(), 1U);
+  EXPECT_THAT(series->info().fields[0].components, ElementsAre("0", "1"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, series->Open(0, 1, 0));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*second, 1));
   const std::vector<float> values = testing::ValuesOf<float>(read);

@@ -58,12 +58,12 @@ TEST_F(CubeSeriesTest, SamplesLieWhereTheVectorsPutThem) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const auto series,
         OpenVolumeSeries(Write(absl::StrCat(Head("2 10 20 30", sign), kAtoms, Numbers(1)))));
-    EXPECT_EQ(series->length_unit(), sign[0] == '-' ? "angstrom" : "bohr");
-    EXPECT_EQ(series->fields()[0].name, "water");
+    EXPECT_EQ(series->info().length_unit, sign[0] == '-' ? "angstrom" : "bohr");
+    EXPECT_EQ(series->info().fields[0].name, "water");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-    EXPECT_EQ(volume->scalar_type(), volume::ScalarType::kFloat32);
-    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{2, 3, 4}));
-    const auto world = volume->geometry().world_from_index();
+    EXPECT_EQ(volume->info().type, volume::ScalarType::kFloat32);
+    EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{2, 3, 4}));
+    const auto world = volume->info().geometry.world_from_index();
     EXPECT_EQ(math::TransformPoint(world, {0, 0, 0}), (math::Vec3d{10, 20, 30}));
     EXPECT_EQ(math::TransformPoint(world, {1, 0, 0}), (math::Vec3d{10, 20, 34}));
     EXPECT_EQ(math::TransformPoint(world, {1, 2, 3}), (math::Vec3d{11.5, 24, 34}));
@@ -78,14 +78,14 @@ TEST_F(CubeSeriesTest, OrbitalsAreComponents) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
                                 OpenVolumeSeries(Write(absl::StrCat(Head("-2 10 20 30 1"), kAtoms,
                                                                     " 2 5\n 17\n", Numbers(2)))));
-  EXPECT_THAT(series->fields()[0].components, ElementsAre("5", "17"));
+  EXPECT_THAT(series->info().fields[0].components, ElementsAre("5", "17"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, OpenVolumeFile(dir_.Sub("water.cube:water:17")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*second, 1));
   EXPECT_EQ(ValuesOf<float>(read)[2], 5 / 8.0F);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto values,
       OpenVolumeSeries(Write(absl::StrCat(Head("2 10 20 30 2"), kAtoms, Numbers(2)))));
-  EXPECT_THAT(values->fields()[0].components, ElementsAre("0", "1"));
+  EXPECT_THAT(values->info().fields[0].components, ElementsAre("0", "1"));
 }
 
 TEST_F(CubeSeriesTest, RefusesInASentence) {

@@ -96,18 +96,18 @@ TEST_F(MrcSeriesTest, EveryModeInBothByteOrdersPlainAndCompressed) {
       for (const std::string& path : {Write("map.mrc", bytes), Write("map.map.gz", Gzip(bytes)),
                                       Write("noname", bytes), Write("noname2", Gzip(bytes))}) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-        EXPECT_EQ(series->length_unit(), "angstrom");
-        EXPECT_EQ(series->step_count(), 1);
-        EXPECT_THAT(series->fields()[0].name, ::testing::AnyOf("map", "noname", "noname2"));
+        EXPECT_EQ(series->info().length_unit, "angstrom");
+        EXPECT_EQ(series->info().step_count(), 1);
+        EXPECT_THAT(series->info().fields[0].name, ::testing::AnyOf("map", "noname", "noname2"));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-        EXPECT_EQ(volume->scalar_type(), c.type);
+        EXPECT_EQ(volume->info().type, c.type);
         // Both ends of the grid: ORIGIN (10, 20, 30), cell 8 x 9 x 10 of 4 x 3 x 2 samples.
-        ExpectNear(At(volume->geometry(), {0, 0, 0}), {10, 20, 30});
-        ExpectNear(At(volume->geometry(), {3, 2, 1}), {16, 26, 35});
+        ExpectNear(At(volume->info().geometry, {0, 0, 0}), {10, 20, 30});
+        ExpectNear(At(volume->info().geometry, {3, 2, 1}), {16, 26, 35});
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
         EXPECT_TRUE(read == c.samples);
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto only, OpenVolumeFile(path));
-        EXPECT_EQ(only->geometry(), volume->geometry());
+        EXPECT_EQ(only->info().geometry, volume->info().geometry);
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
         EXPECT_THAT(files, ElementsAre(path));
       }
@@ -122,7 +122,7 @@ TEST_F(MrcSeriesTest, AxesFollowTheCell) {
   words.cell = {6, 10, 2};  // spacing 2, 5, 0.5
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto volume, OpenVolumeFile(Write("a.ccp4", MrcBytes(words, BytesOf(Ramp<float>())))));
-  const volume::GridGeometry& geometry = volume->geometry();
+  const volume::GridGeometry& geometry = volume->info().geometry;
   EXPECT_EQ(geometry.sample_dims, (math::Index3{4, 3, 2}));
   ExpectNear(At(geometry, {0, 0, 0}), {-2 * 2.0, 7 * 5.0, 5 * 0.5});
   ExpectNear(At(geometry, {1, 0, 0}), {-4, 35, 3});
@@ -134,9 +134,9 @@ TEST_F(MrcSeriesTest, CellAnglesTiltTheGrid) {
   words.angles = {90, 90, 120};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto volume, OpenVolumeFile(Write("a.map", MrcBytes(words, BytesOf(Ramp<float>())))));
-  ExpectNear(At(volume->geometry(), {1, 0, 0}), {2, 0, 0});
-  ExpectNear(At(volume->geometry(), {0, 1, 0}), {3 * -0.5, 3 * std::sqrt(0.75), 0});
-  ExpectNear(At(volume->geometry(), {0, 0, 1}), {0, 0, 5});
+  ExpectNear(At(volume->info().geometry, {1, 0, 0}), {2, 0, 0});
+  ExpectNear(At(volume->info().geometry, {0, 1, 0}), {3 * -0.5, 3 * std::sqrt(0.75), 0});
+  ExpectNear(At(volume->info().geometry, {0, 0, 1}), {0, 0, 5});
 }
 
 TEST_F(MrcSeriesTest, ReadsWhatProgramsLeaveOut) {
@@ -157,9 +157,9 @@ TEST_F(MrcSeriesTest, ReadsWhatProgramsLeaveOut) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const auto series,
         OpenVolumeSeries(Write("a.mrc", MrcBytes(c.words, BytesOf(Ramp<float>())))));
-    EXPECT_EQ(series->length_unit(), c.what == "no cell" ? "" : "angstrom");
+    EXPECT_EQ(series->info().length_unit, c.what == "no cell" ? "" : "angstrom");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-    ExpectNear(At(volume->geometry(), {3, 2, 1}), c.last);
+    ExpectNear(At(volume->info().geometry, {3, 2, 1}), c.last);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 2));
     EXPECT_EQ(ValuesOf<float>(read), Ramp<float>());
   }
@@ -172,7 +172,7 @@ TEST_F(MrcSeriesTest, BytesOfImodAreUnsignedUnlessItsFlagsSayOtherwise) {
     words.imod_flags = is_signed ? 5 : 4;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
                                   OpenVolumeFile(Write("a.mrc", MrcBytes(words, samples))));
-    EXPECT_EQ(volume->scalar_type(), is_signed ? ScalarType::kInt8 : ScalarType::kUint8);
+    EXPECT_EQ(volume->info().type, is_signed ? ScalarType::kInt8 : ScalarType::kUint8);
   }
 }
 
@@ -181,10 +181,10 @@ TEST_F(MrcSeriesTest, VolumesOfAStackAreSteps) {
   const std::vector<float> all = Ramp<float>(3 * kSamples);
   const std::string path = Write("stack.mrcs", MrcBytes(words, BytesOf(all)));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  EXPECT_THAT(series->times(), ElementsAre(0, 1, 2));
+  EXPECT_THAT(series->info().times, ElementsAre(0, 1, 2));
   for (int step = 0; step < 3; ++step) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, step));
-    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
+    EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
     EXPECT_EQ(ValuesOf<float>(read), std::vector<float>(all.begin() + step * kSamples,
                                                         all.begin() + (step + 1) * kSamples));

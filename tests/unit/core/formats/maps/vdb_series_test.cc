@@ -75,11 +75,11 @@ Box ActiveBox(const VdbFileGrid& grid) {
 
 // Compares all samples of the volume with the voxels of the box.
 void ExpectVoxels(const VdbFileGrid& grid, int component, const Box& box, VolumeSource* volume) {
-  ASSERT_EQ(volume->geometry().sample_dims, box.end - box.begin);
+  ASSERT_EQ(volume->info().geometry.sample_dims, box.end - box.begin);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 3));
   std::size_t next = 0;
   std::int64_t wrong = 0;
-  volume::VisitScalarType(volume->scalar_type(), [&]<typename T>() {
+  volume::VisitScalarType(volume->info().type, [&]<typename T>() {
     ForEachVoxel(box.begin, box.end, [&](const math::Index3& at) {
       T sample{};
       std::memcpy(&sample, read.data() + next, sizeof(T));
@@ -114,14 +114,14 @@ class VdbSeriesTest : public ::testing::Test {
   // Opens and reads a grid alone, and compares it.
   static void ExpectGrid(const std::string& path, const VdbFileGrid& grid, ScalarType type) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    ASSERT_EQ(series->fields().size(), 1);
-    EXPECT_EQ(series->fields()[0].name, grid.name);
-    const auto components = static_cast<int>(series->fields()[0].components.size());
+    ASSERT_EQ(series->info().fields.size(), 1);
+    EXPECT_EQ(series->info().fields[0].name, grid.name);
+    const auto components = static_cast<int>(series->info().fields[0].components.size());
     EXPECT_EQ(components, grid.type.rfind("vec", 0) == 0 ? 3 : 1);
     const Box box = ActiveBox(grid);
     for (int component = 0; component < components; ++component) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, component, 0));
-      EXPECT_EQ(volume->scalar_type(), type);
+      EXPECT_EQ(volume->info().type, type);
       ExpectVoxels(grid, component, box, volume.get());
     }
   }
@@ -165,8 +165,8 @@ TEST_F(VdbSeriesTest, TransformsPlaceTheBox) {
   grid.world = {{{0, -2, 0, 100}, {1.5, 0, 0, 200}, {0, 0, 4, 300}}};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(Write({grid})));
   const Box box = ActiveBox(grid);
-  EXPECT_EQ(volume->geometry().spacing, (math::Vec3d{1.5, 2, 4}));
-  const math::Mat4d world = volume->geometry().world_from_index();
+  EXPECT_EQ(volume->info().geometry.spacing, (math::Vec3d{1.5, 2, 4}));
+  const math::Mat4d world = volume->info().geometry.world_from_index();
   for (const math::Index3& corner : {box.begin, box.end - math::Index3{1, 1, 1}}) {
     const math::Index3 index = corner - box.begin;
     math::Vec3d expected;
@@ -210,11 +210,11 @@ TEST_F(VdbSeriesTest, GridsOfOneTransformShareABoxAndAloneHaveTheirOwn) {
   other.world[2][3] = 1;
   const std::string path = Write({a, v, other, {.name = "text", .type = "points"}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  ASSERT_EQ(series->fields().size(), 2);
-  EXPECT_EQ(series->fields()[0].name, "a");
-  EXPECT_EQ(series->fields()[1].name, "v");
-  EXPECT_EQ(series->fields()[1].long_name, "level set");
-  EXPECT_THAT(series->fields()[1].components, ElementsAre("x", "y", "z"));
+  ASSERT_EQ(series->info().fields.size(), 2);
+  EXPECT_EQ(series->info().fields[0].name, "a");
+  EXPECT_EQ(series->info().fields[1].name, "v");
+  EXPECT_EQ(series->info().fields[1].long_name, "level set");
+  EXPECT_THAT(series->info().fields[1].components, ElementsAre("x", "y", "z"));
   const Box both{.begin = {-3, 0, 0}, .end = {4, 9, 6}};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto scalar, series->Open(0, 0, 0));
   ExpectVoxels(a, 0, both, scalar.get());
@@ -223,7 +223,7 @@ TEST_F(VdbSeriesTest, GridsOfOneTransformShareABoxAndAloneHaveTheirOwn) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, OpenVolumeFile(absl::StrCat(path, ":v:y")));
   ExpectVoxels(v, 1, ActiveBox(v), alone.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto third, OpenVolumeFile(absl::StrCat(path, ":other")));
-  EXPECT_EQ(third->geometry().origin, (math::Vec3d{0, 0, 1}));
+  EXPECT_EQ(third->info().geometry.origin, (math::Vec3d{0, 0, 1}));
   EXPECT_THAT(OpenVolumeFile(absl::StrCat(path, ":text")),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("ptdata")));
   EXPECT_THAT(OpenVolumeFile(absl::StrCat(path, ":b")),
@@ -244,13 +244,13 @@ TEST_F(VdbSeriesTest, NamesThatAreMissingOrThereTwice) {
   const std::vector<testing::VdbFill> fills{{.begin = {0, 0, 0}, .end = {2, 2, 2}, .value = 1}};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto nameless,
                                 OpenVolumeSeries(Write({{.name = "", .fills = fills}})));
-  EXPECT_EQ(nameless->fields()[0].name, "a");
+  EXPECT_EQ(nameless->info().fields[0].name, "a");
   ISOSCOPE_EXPECT_OK(nameless->Open(0, 0, 0).status());
   const std::string path = Write({{.name = "p", .fills = fills}, {.name = "p", .fills = fills}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  ASSERT_EQ(series->fields().size(), 2);
+  ASSERT_EQ(series->info().fields.size(), 2);
   for (const int field : {0, 1}) {
-    EXPECT_EQ(series->fields()[static_cast<std::size_t>(field)].name,
+    EXPECT_EQ(series->info().fields[static_cast<std::size_t>(field)].name,
               absl::StrCat("p[", field, "]"));
     ISOSCOPE_EXPECT_OK(series->Open(field, 0, 0).status());
   }
@@ -292,7 +292,7 @@ bool IsRead(const std::string& path) {
     EXPECT_THAT(volume.status().message(), HasSubstr(path));
     return false;
   }
-  const math::Index3& dims = (*volume)->geometry().sample_dims;
+  const math::Index3& dims = (*volume)->info().geometry.sample_dims;
   constexpr std::int64_t kMaxSamples = std::int64_t{1} << 22;
   if (math::Volume(dims) > kMaxSamples) {  // a lie about the place of a node
     return false;

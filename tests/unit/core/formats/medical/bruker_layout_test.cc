@@ -81,8 +81,8 @@ class BrukerLayoutTest : public ::testing::Test {
   // The same by our own reader: fields with all their steps.
   static std::vector<float> ReadByUs(VolumeSeries* series) {
     std::vector<float> all;
-    for (int field = 0; field < static_cast<int>(series->fields().size()); ++field) {
-      for (int step = 0; step < series->step_count(); ++step) {
+    for (int field = 0; field < static_cast<int>(series->info().fields.size()); ++field) {
+      for (int step = 0; step < series->info().step_count(); ++step) {
         const auto volume = series->Open(field, 0, step);
         EXPECT_THAT(volume, testing::IsOk());
         const auto bytes = ReadAll(**volume, 1);
@@ -129,7 +129,7 @@ TEST_F(BrukerLayoutTest, SamplesAreThoseThatItkReads) {
       scan.offsets.push_back(frame % 2 - 3);
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(BrukerText(scan), Planes(3 * c.steps)));
-    EXPECT_EQ(series->step_count(), c.steps);
+    EXPECT_EQ(series->info().step_count(), c.steps);
     EXPECT_EQ(ReadByUs(series.get()), ReadByItk());
   }
 }
@@ -139,7 +139,7 @@ TEST_F(BrukerLayoutTest, FramesWithoutGroupsAreSlices) {
   const std::size_t at = text.find("##$VisuFGOrderDesc");
   text = text.substr(0, at) + "##END=\n";
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(text, Planes(3)));
-  EXPECT_EQ(series->step_count(), 1);
+  EXPECT_EQ(series->info().step_count(), 1);
   EXPECT_EQ(ReadByUs(series.get())[35], 2 * 211);
 }
 
@@ -158,7 +158,7 @@ TEST_F(BrukerLayoutTest, TypesAndByteOrders) {
   scan.byte_order = "bigEndian";
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, Open(BrukerText(scan), Swapped(Planes(3), 2)));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto volume, series->Open(0, 0, 0));
-  EXPECT_EQ(volume->scalar_type(), volume::ScalarType::kInt16);
+  EXPECT_EQ(volume->info().type, volume::ScalarType::kInt16);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::string bytes, ReadAll(*volume, 1));
   EXPECT_EQ(bytes, Planes(3));
   scan.byte_order = "littleEndian";
@@ -174,7 +174,7 @@ TEST_F(BrukerLayoutTest, TypesAndByteOrders) {
     const std::string samples(36 * volume::SizeOf(c.type), '\1');
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, Open(BrukerText(scan), samples));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(volume, series->Open(0, 0, 0));
-    EXPECT_EQ(volume->scalar_type(), c.type);
+    EXPECT_EQ(volume->info().type, c.type);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(bytes, ReadAll(*volume, 1));
     EXPECT_EQ(bytes, samples);
   }
@@ -183,11 +183,11 @@ TEST_F(BrukerLayoutTest, TypesAndByteOrders) {
 // Sizes are 2, 1.5 and 3 mm. The corner is at (10, 20, 30).
 TEST_F(BrukerLayoutTest, PositionsAreOfCornersAndOfSlicesInTheirMiddle) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, Open(BrukerText({}), Planes(3)));
-  EXPECT_EQ(series->length_unit(), "mm");
-  EXPECT_EQ(series->fields()[0].name, "2dseq");
+  EXPECT_EQ(series->info().length_unit, "mm");
+  EXPECT_EQ(series->info().fields[0].name, "2dseq");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto volume, series->Open(0, 0, 0));
   const auto at = [&](const math::Vec3d& index) {
-    return math::TransformPoint(volume->geometry().world_from_index(), index);
+    return math::TransformPoint(volume->info().geometry.world_from_index(), index);
   };
   EXPECT_EQ(at({0, 0, 0}), (math::Vec3d{11, 20.75, 30}));
   EXPECT_EQ(at({3, 2, 2}), (math::Vec3d{17, 23.75, 36}));
@@ -209,17 +209,17 @@ TEST_F(BrukerLayoutTest, PositionsAreOfCornersAndOfSlicesInTheirMiddle) {
 TEST_F(BrukerLayoutTest, ImagesOfSeveralKindsAreFields) {
   const BrukerScan scan{.groups = {{3, "FG_SLICE"}, {2, "FG_ISA"}, {2, "FG_ECHO"}}};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(BrukerText(scan), Planes(12)));
-  ASSERT_EQ(series->fields().size(), 2u);
-  EXPECT_EQ(series->fields()[0].name, "isa 1");
-  EXPECT_EQ(series->fields()[1].name, "isa 2");
-  EXPECT_EQ(series->step_count(), 2);
+  ASSERT_EQ(series->info().fields.size(), 2u);
+  EXPECT_EQ(series->info().fields[0].name, "isa 1");
+  EXPECT_EQ(series->info().fields[1].name, "isa 2");
+  EXPECT_EQ(series->info().step_count(), 2);
   for (const auto& [field, step, frame] : {std::array{1, 0, 3}, {0, 1, 6}, {1, 1, 9}}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(field, 0, step));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 1));
     EXPECT_EQ(ValuesOf<float>(bytes)[0], 2 * 100 * frame);  // slope 2
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path_ + ":isa 2"));
-  EXPECT_EQ(part->fields().size(), 1u);
+  EXPECT_EQ(part->info().fields.size(), 1u);
 }
 
 TEST_F(BrukerLayoutTest, EitherFileOpensAndBothAreItsFiles) {
@@ -238,7 +238,7 @@ TEST_F(BrukerLayoutTest, RepeatedNumbersAndCommentsAreRead) {
   ASSERT_THAT(text, HasSubstr("@2*("));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, Open(text, Planes(3)));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-  EXPECT_EQ(volume->geometry().origin, (math::Vec3d{11, 20.75, 30}));
+  EXPECT_EQ(volume->info().geometry.origin, (math::Vec3d{11, 20.75, 30}));
 }
 
 TEST_F(BrukerLayoutTest, WhatIsNoPlainVolumeIsRefusedWithItsNumbers) {

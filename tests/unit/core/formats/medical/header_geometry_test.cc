@@ -53,7 +53,7 @@ class HeaderGeometryTest : public ::testing::Test {
                                             const GridRules& rules = {}) {
     testing::WriteFile(dir_.Sub(name), bytes);
     const auto source = OpenVolumeFile(dir_.Sub(name), "", rules);
-    return source.ok() ? absl::StatusOr<volume::GridGeometry>((*source)->geometry())
+    return source.ok() ? absl::StatusOr<volume::GridGeometry>((*source)->info().geometry)
                        : source.status();
   }
   // Each value that is no distance is refused by the field's name, and taken where one is given.

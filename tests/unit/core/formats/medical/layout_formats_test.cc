@@ -74,23 +74,23 @@ class LayoutFormatsTest : public ::testing::Test {
     SCOPED_TRACE(path);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
     int v = 0;
-    for (int field = 0; field < static_cast<int>(series->fields().size()); ++field) {
-      const auto& components = series->fields()[static_cast<std::size_t>(field)].components;
+    for (int field = 0; field < static_cast<int>(series->info().fields.size()); ++field) {
+      const auto& components = series->info().fields[static_cast<std::size_t>(field)].components;
       for (int component = 0; component < static_cast<int>(components.size()); ++component) {
-        for (int step = 0; step < series->step_count(); ++step, ++v) {
+        for (int step = 0; step < series->info().step_count(); ++step, ++v) {
           ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(field, component, step));
-          ASSERT_EQ(source->geometry().sample_dims, kDims);
-          const math::Mat4d to_world = source->geometry().world_from_index();
+          ASSERT_EQ(source->info().geometry.sample_dims, kDims);
+          const math::Mat4d to_world = source->info().geometry.world_from_index();
           EXPECT_LT(math::Length(math::TransformPoint(to_world, {0, 0, 0}) - first), 1e-5);
           EXPECT_LT(math::Length(math::TransformPoint(to_world, {3, 2, 1}) - last), 1e-5);
           ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 1 + v % 2));
           std::vector<double> values;
-          if (source->scalar_type() == volume::ScalarType::kFloat32) {
+          if (source->info().type == volume::ScalarType::kFloat32) {
             for (const float value : ValuesOf<float>(bytes)) {
               values.push_back(static_cast<double>(value));
             }
           } else {
-            ASSERT_EQ(volume::SizeOf(source->scalar_type()), 2U);
+            ASSERT_EQ(volume::SizeOf(source->info().type), 2U);
             for (const std::int16_t value : ValuesOf<std::int16_t>(bytes)) {
               values.push_back(value);
             }
@@ -155,10 +155,10 @@ TEST_F(LayoutFormatsTest, Nifti2) {
     Expect(Write("anything", header + samples), 6, kFirst, kLast);
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("six.nii")));
-  EXPECT_THAT(series->times(), ElementsAre(0, 0.5));
-  EXPECT_EQ(series->time_unit(), "s");
-  EXPECT_EQ(series->length_unit(), "mm");
-  EXPECT_THAT(series->fields()[0].components, ElementsAre("x", "y", "z"));
+  EXPECT_THAT(series->info().times, ElementsAre(0, 0.5));
+  EXPECT_EQ(series->info().time_unit, "s");
+  EXPECT_EQ(series->info().length_unit, "mm");
+  EXPECT_THAT(series->info().fields[0].components, ElementsAre("x", "y", "z"));
   Expect(Write("one.nii", Nifti2Bytes({.slope = 2, .intercept = -1}) + Volumes(1)), 1, kFirst,
          kLast, 2, -1);
   Write("pair.img", Volumes(1));
@@ -187,12 +187,12 @@ TEST_F(LayoutFormatsTest, NiftiOf64BitIntegersBecomesFloat64) {
           Write("two.nii", Nifti2Bytes({.datatype = datatype}) + samples)}) {
       SCOPED_TRACE(path);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-      ASSERT_EQ(source->scalar_type(), volume::ScalarType::kFloat64);
-      EXPECT_LT(math::Length(source->geometry().origin - kFirst), 1e-5);
+      ASSERT_EQ(source->info().type, volume::ScalarType::kFloat64);
+      EXPECT_LT(math::Length(source->info().geometry.origin - kFirst), 1e-5);
       const auto read = ValuesOf<double>(ReadAll(*source, 1).value());
       EXPECT_THAT(read, ::testing::ElementsAreArray(values));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-      EXPECT_EQ(series->fields().size(), 1U);
+      EXPECT_EQ(series->info().fields.size(), 1U);
     }
   }
   values.back() = kLargest + 1;
@@ -220,8 +220,8 @@ TEST_F(LayoutFormatsTest, TransformsOfNifti2) {
   Expect(write({.units = 9}), 1, kFirst * 1000.0, kLast * 1000.0);  // metres
   // No transform: spacings alone, and no patient.
   Expect(write({.sform_code = 0}), 1, {0, 0, 0}, {-4.5, -4, 3});
-  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("t.nii")).value()->patient_frame().has_value());
-  EXPECT_TRUE(OpenVolumeFile(write({})).value()->patient_frame().has_value());
+  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("t.nii")).value()->info().patient_frame.has_value());
+  EXPECT_TRUE(OpenVolumeFile(write({})).value()->info().patient_frame.has_value());
   EXPECT_THAT(Open(write({.shear = 0.5})),
               StatusIs(kInvalid, AllOf(HasSubstr("axes x and y meet at 108.4 degrees"),
                                        HasSubstr("--ignore-shear"))));
@@ -257,9 +257,9 @@ TEST_F(LayoutFormatsTest, ShearIsTakenIfTheRulesIgnoreIt) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto of_series, series->Open(0, 0, 0));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
                                   OpenVolumeFile(path, "", {.ignores_shear = true}));
-    EXPECT_EQ(source->geometry(), of_series->geometry());
-    EXPECT_TRUE(source->patient_frame().has_value());
-    EXPECT_TRUE(FindShear(source->geometry().direction).has_value());
+    EXPECT_EQ(source->info().geometry, of_series->info().geometry);
+    EXPECT_TRUE(source->info().patient_frame.has_value());
+    EXPECT_TRUE(FindShear(source->info().geometry.direction).has_value());
     EXPECT_EQ(ValuesOf<std::int16_t>(ReadAll(*source, 1).value()),
               ValuesOf<std::int16_t>(Volumes(1)));
     EXPECT_TRUE(FilesOfVolume(path, {.axes = "", .rules = {.ignores_shear = true}}).ok());
@@ -267,9 +267,10 @@ TEST_F(LayoutFormatsTest, ShearIsTakenIfTheRulesIgnoreIt) {
   // RAS columns (0.5, 1.5, 0), (-2, 0, 0) and (0, 0, 3): the far corner.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto nifti,
                                 OpenVolumeFile(dir_.Sub("s.nii"), "", {.ignores_shear = true}));
-  EXPECT_LT(math::Length(math::TransformPoint(nifti->geometry().world_from_index(), {3, 2, 1}) -
-                         math::Vec3d{-7.5, -24.5, 33}),
-            1e-6);
+  EXPECT_LT(
+      math::Length(math::TransformPoint(nifti->info().geometry.world_from_index(), {3, 2, 1}) -
+                   math::Vec3d{-7.5, -24.5, 33}),
+      1e-6);
 }
 
 TEST_F(LayoutFormatsTest, Analyze) {
@@ -280,7 +281,7 @@ TEST_F(LayoutFormatsTest, Analyze) {
   }
   Write("b.img.gz", Gzip(Volumes(1)));
   Expect(Write("b.hdr", AnalyzeBytes({.factor = 0.5F})), 1, {0, 0, 0}, {4.5, 4, 3}, 0.5);
-  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("b.hdr")).value()->patient_frame().has_value());
+  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("b.hdr")).value()->info().patient_frame.has_value());
   EXPECT_THAT(Open(Write("b.hdr", AnalyzeBytes({.datatype = 128}))),
               StatusIs(kInvalid, HasSubstr("datatype 128")));
 }
@@ -294,12 +295,12 @@ TEST_F(LayoutFormatsTest, Mgh) {
   Expect(Write("m.mgz", Gzip(MghBytes({.frames = 2}) + samples)), 2, first, last);
   Expect(Write("plain", MghBytes({.frames = 2}) + samples), 2, first, last);
   Expect(Write("u.mgh", MghBytes({.is_placed = false}) + samples), 1, {-2, 1, 1.5}, {1, 0, -0.5});
-  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("u.mgh")).value()->patient_frame().has_value());
+  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("u.mgh")).value()->info().patient_frame.has_value());
   // The footer has the repetition time; that of a compressed file is not read.
   const std::string footer = Swapped(BytesOf(std::vector<float>{2500, 0.5F, 30, 0}), 4);
   const auto times = [](const std::string& path) {
     const auto series = OpenVolumeSeries(path).value();
-    return absl::StrCat(absl::StrJoin(series->times(), " "), " ", series->time_unit());
+    return absl::StrCat(absl::StrJoin(series->info().times, " "), " ", series->info().time_unit);
   };
   EXPECT_EQ(times(Write("m.mgh", MghBytes({.frames = 2}) + samples + footer)), "0 2500 ms");
   EXPECT_EQ(times(Write("m.mgh", MghBytes({.frames = 2}) + samples)), "0 1 ");
@@ -318,17 +319,17 @@ TEST_F(LayoutFormatsTest, Afni) {
   Write("b+tlrc.HEAD", AfniBytes(3, "1 1 1", "0 0 0", AfniText("BRICK_LABS", "coef~t stat~coef")));
   Expect(dir_.Sub("b+tlrc.BRIK.gz"), 3, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(dir_.Sub("b+tlrc.HEAD")));
-  EXPECT_EQ(series->fields()[0].name, "coef");
-  EXPECT_EQ(series->fields()[1].name, "t stat");
-  EXPECT_EQ(series->fields()[2].name, "coef#2");
-  EXPECT_THAT(series->times(), IsEmpty());
+  EXPECT_EQ(series->info().fields[0].name, "coef");
+  EXPECT_EQ(series->info().fields[1].name, "t stat");
+  EXPECT_EQ(series->info().fields[2].name, "coef#2");
+  EXPECT_THAT(series->info().times, IsEmpty());
   Expect(Write("b+tlrc.HEAD", AfniBytes(3, "1 1 1", "0 0 0",
                                         AfniNumbers("TAXIS_NUMS", "3 0 77002", 3) +
                                             AfniNumbers("TAXIS_FLOATS", "0 2.5 0 0 0", 5))),
          3, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("b+tlrc.HEAD")));
-  EXPECT_THAT(series->times(), ElementsAre(0, 2.5, 5));
-  EXPECT_EQ(series->time_unit(), "s");
+  EXPECT_THAT(series->info().times, ElementsAre(0, 2.5, 5));
+  EXPECT_EQ(series->info().time_unit, "s");
   // The first time was taken as 0.
   const auto timed = [&](const std::string& floats) {
     return Write("b+tlrc.HEAD", AfniBytes(3, "1 1 1", "0 0 0",
@@ -336,7 +337,7 @@ TEST_F(LayoutFormatsTest, Afni) {
                                               AfniNumbers("TAXIS_FLOATS", floats, 5)));
   };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(timed("10 2.5 0 0 0")));
-  EXPECT_THAT(series->times(), ElementsAre(10, 12.5, 15));
+  EXPECT_THAT(series->info().times, ElementsAre(10, 12.5, 15));
   EXPECT_THAT(OpenVolumeSeries(timed("nan 2.5 0 0 0")),
               StatusIs(kInvalid, HasSubstr("from the time nan on")));
 }
@@ -383,7 +384,7 @@ TEST_F(LayoutFormatsTest, ParRec) {
   Write("p.REC", Volumes(4));
   Expect(Write("p.PAR", ParBytes(Images({{}}))), 1, first, last);
   Expect(dir_.Sub("p.REC"), 1, first, last);
-  EXPECT_EQ(OpenVolumeSeries(dir_.Sub("p.REC")).value()->fields()[0].name, "p");
+  EXPECT_EQ(OpenVolumeSeries(dir_.Sub("p.REC")).value()->info().fields[0].name, "p");
   EXPECT_THAT(FilesOfVolume(dir_.Sub("p.REC")).value(),
               ElementsAre(dir_.Sub("p.PAR"), dir_.Sub("p.REC")));
   EXPECT_THAT(Open(Write("alone.REC", Volumes(4))), StatusIs(kInvalid, HasSubstr("unknown kind")));
@@ -393,24 +394,24 @@ TEST_F(LayoutFormatsTest, ParRec) {
                                          {.dynamic = 2, .dynamic_time = 3.5}}))),
          2, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(dir_.Sub("p.PAR")));
-  EXPECT_THAT(series->times(), ElementsAre(1, 3.5));
-  EXPECT_EQ(series->time_unit(), "s");
+  EXPECT_THAT(series->info().times, ElementsAre(1, 3.5));
+  EXPECT_EQ(series->info().time_unit, "s");
   Expect(Write("p.PAR",
                ParBytes(Images(
                    {{.echo = 1}, {.echo = 2}, {.echo = 1, .type = 3}, {.echo = 2, .type = 3}}))),
          4, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("p.PAR")));
-  EXPECT_EQ(series->fields()[1].name, "phase");
-  EXPECT_THAT(series->times(), ElementsAre(10, 20));
-  EXPECT_EQ(series->time_unit(), "ms");
+  EXPECT_EQ(series->info().fields[1].name, "phase");
+  EXPECT_THAT(series->info().times, ElementsAre(10, 20));
+  EXPECT_EQ(series->info().time_unit, "ms");
   Expect(Write("p.PAR", ParBytes(Images({{.echo = 1, .dynamic = 1},
                                          {.echo = 1, .dynamic = 2},
                                          {.echo = 2, .dynamic = 1},
                                          {.echo = 2, .dynamic = 2}}))),
          4, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("p.PAR")));
-  EXPECT_EQ(series->fields()[1].name, "magnitude echo 2");
-  EXPECT_EQ(series->step_count(), 2);
+  EXPECT_EQ(series->info().fields[1].name, "magnitude echo 2");
+  EXPECT_EQ(series->info().step_count(), 2);
 }
 
 TEST_F(LayoutFormatsTest, SequencesAndDiffusionOfParRec) {
@@ -420,18 +421,18 @@ TEST_F(LayoutFormatsTest, SequencesAndDiffusionOfParRec) {
   Expect(Write("p.PAR", ParBytes(Images({{.type = 0, .sequence = 2}, {.type = 3, .sequence = 4}}))),
          2, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(dir_.Sub("p.PAR")));
-  EXPECT_EQ(series->fields()[1].name, "phase");
+  EXPECT_EQ(series->info().fields[1].name, "phase");
   Expect(Write("p.PAR", ParBytes(Images({{.type = 0, .sequence = 2}, {.type = 0, .sequence = 4}}))),
          2, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("p.PAR")));
-  EXPECT_EQ(series->fields()[1].name, "magnitude sequence 4");
+  EXPECT_EQ(series->info().fields[1].name, "magnitude sequence 4");
   // Version 4 has no numbers of directions: those of one b factor follow each other.
   Expect(Write("p.PAR",
                ParBytes(Images(
                    {{.b_factor = 0}, {.b_factor = 800}, {.b_factor = 800}, {.b_factor = 800}}))),
          4, first, last);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(series, OpenVolumeSeries(dir_.Sub("p.PAR")));
-  EXPECT_THAT(series->times(), ElementsAre(0, 1, 2, 3));
+  EXPECT_THAT(series->info().times, ElementsAre(0, 1, 2, 3));
 }
 
 TEST_F(LayoutFormatsTest, OrientationsOfParRec) {

@@ -87,7 +87,7 @@ TEST_F(NiftiLayoutTest, TimesBeginAtTheOffsetOfTheHeader) {
     testing::WriteFile(dir_.Sub("t.nii"), bytes + samples);
     const auto series = OpenVolumeSeries(dir_.Sub("t.nii"));
     EXPECT_TRUE(series.ok()) << series.status();
-    return series.ok() ? (*series)->times() : std::vector<double>();
+    return series.ok() ? (*series)->info().times : std::vector<double>();
   };
   EXPECT_THAT(times(With(With(four, 92, 2.0F), 136, 10.0F)),
               ElementsAre(10, 12, 14, 16, 18, 20, 22));
@@ -156,12 +156,12 @@ TEST_F(NiftiLayoutTest, GzipStreamIsKnownByItsContentWhateverTheNameSays) {
     SCOPED_TRACE(name);
     testing::WriteFile(dir_.Sub(name), bytes);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub(name)));
-    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
+    EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, testing::ReadAll(*volume, 2));
     EXPECT_TRUE(read == samples);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub(name)));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, series->Open(0, 0, 0));
-    EXPECT_EQ(first->geometry(), volume->geometry());
+    EXPECT_EQ(first->info().geometry, volume->info().geometry);
   }
 }
 

@@ -197,7 +197,7 @@ TEST(NrrdGridTest, FilesOfOneVolumeAreReadByTheSameRules) {
   };
   write("spacings: 1 -2 3\n");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto source, OpenVolumeFile(path));
-  EXPECT_EQ(math::TransformPoint(source->geometry().world_from_index(), {1, 1, 1}),
+  EXPECT_EQ(math::TransformPoint(source->info().geometry.world_from_index(), {1, 1, 1}),
             (math::Vec3d{1, -2, 3}));
   write("spacings: 1 nan 3\n");
   EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("--spacing")));
@@ -206,7 +206,7 @@ TEST(NrrdGridTest, FilesOfOneVolumeAreReadByTheSameRules) {
     write(bad);
     EXPECT_THAT(OpenVolumeFile(path), StatusIs(kInvalid, HasSubstr("--spacing"))) << bad;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(path, "", {.has_spacing = true}));
-    EXPECT_EQ(source->geometry().direction.columns[2], (math::Vec3d{0, 0, -1})) << bad;
+    EXPECT_EQ(source->info().geometry.direction.columns[2], (math::Vec3d{0, 0, -1})) << bad;
   }
   for (const char* bad : {"(1,0,0) (0,0,0) (0,0,2)", "(1,0,0) (0,nan,0) (0,0,2)"}) {
     write(absl::StrCat("space: LPS\nspace directions: ", bad, "\n"));
@@ -225,7 +225,7 @@ TEST(NrrdGridTest, FilesOfOneVolumeAreReadByTheSameRules) {
   EXPECT_TRUE(OpenVolumeFile(path, "", {.has_origin = true}).ok());
   write("");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(path));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
 }
 
 }  // namespace

@@ -69,7 +69,7 @@ class SampleSeriesTest : public ::testing::Test {
   // Volume v of the file, by its component and step, in rows of any order.
   static void ExpectVolume(VolumeSeries& series, int component, int step, int v) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series.Open(0, component, step));
-    EXPECT_EQ(source->geometry().sample_dims, kDims);
+    EXPECT_EQ(source->info().geometry.sample_dims, kDims);
     for (const std::int64_t planes : {1, 2}) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, planes));
       EXPECT_EQ(bytes, Volumes(v + 1).substr(static_cast<std::size_t>(v) * kSamples * 2));
@@ -87,11 +87,11 @@ TEST_F(SampleSeriesTest, NiftiStepsAndComponents) {
   for (const std::string& path :
        {Write("run.nii", header + Volumes(12)), Write("run.nii.gz", Gzip(header + Volumes(12)))}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    EXPECT_EQ(series->fields()[0].name, "run");
-    EXPECT_THAT(series->fields()[0].components, ElementsAre("x", "y", "z"));
-    EXPECT_THAT(series->times(), ElementsAre(0, 0.5, 1, 1.5));
-    EXPECT_EQ(series->time_unit(), "s");
-    EXPECT_EQ(series->length_unit(), "mm");
+    EXPECT_EQ(series->info().fields[0].name, "run");
+    EXPECT_THAT(series->info().fields[0].components, ElementsAre("x", "y", "z"));
+    EXPECT_THAT(series->info().times, ElementsAre(0, 0.5, 1, 1.5));
+    EXPECT_EQ(series->info().time_unit, "s");
+    EXPECT_EQ(series->info().length_unit, "mm");
     for (int step = 0; step < 4; ++step) {
       for (int component = 0; component < 3; ++component) {
         ExpectVolume(*series, component, step, component * 4 + step);
@@ -103,8 +103,8 @@ TEST_F(SampleSeriesTest, NiftiStepsAndComponents) {
       OpenVolumeFile(Write("one.nii", NiftiHeaderBytes({.dims = kDims}) + Volumes(1))));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(dir_.Sub("run.nii")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 3));
-  EXPECT_EQ(volume->geometry(), plain->geometry());
-  EXPECT_TRUE(volume->patient_frame().has_value());
+  EXPECT_EQ(volume->info().geometry, plain->info().geometry);
+  EXPECT_TRUE(volume->info().patient_frame.has_value());
   const auto cut = OpenVolumeSeries(Write("cut.nii", header + Volumes(11)));
   ISOSCOPE_ASSERT_OK(cut.status());
   EXPECT_THAT((*cut)->Open(0, 0, 0),
@@ -126,28 +126,28 @@ TEST_F(SampleSeriesTest, NrrdAxesFirstAndLast) {
       const auto vectors,
       OpenVolumeSeries(
           Write("v.nrrd", Nrrd4("2 4 3 2", "2-vector domain domain domain", kFirst) + Tuples(2))));
-  EXPECT_THAT(vectors->fields()[0].components, ElementsAre("0", "1"));
-  EXPECT_THAT(vectors->times(), IsEmpty());
+  EXPECT_THAT(vectors->info().fields[0].components, ElementsAre("0", "1"));
+  EXPECT_THAT(vectors->info().times, IsEmpty());
   ExpectVolume(*vectors, 1, 0, 1);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto list,
       OpenVolumeSeries(
           Write("l.nrrd", Nrrd4("4 3 2 3", "domain domain domain list", kLast) + Volumes(3))));
-  EXPECT_THAT(list->fields()[0].components, ElementsAre("x", "y", "z"));
+  EXPECT_THAT(list->info().fields[0].components, ElementsAre("x", "y", "z"));
   ExpectVolume(*list, 2, 0, 2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto steps,
       OpenVolumeSeries(Write("t.nrrd", Nrrd4("4 3 2 5", "domain domain domain time", kLast,
                                              "spacings: nan nan nan 0.5\n") +
                                            Volumes(5))));
-  EXPECT_THAT(steps->fields()[0].components, ElementsAre(""));
-  EXPECT_THAT(steps->times(), ElementsAre(0, 0.5, 1, 1.5, 2));
+  EXPECT_THAT(steps->info().fields[0].components, ElementsAre(""));
+  EXPECT_THAT(steps->info().times, ElementsAre(0, 0.5, 1, 1.5, 2));
   ExpectVolume(*steps, 0, 4, 4);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto first,
       OpenVolumeSeries(
           Write("f.nrrd", Nrrd4("5 4 3 2", "time domain domain domain", kFirst) + Tuples(5))));
-  EXPECT_EQ(first->step_count(), 5);
+  EXPECT_EQ(first->info().step_count(), 5);
   ExpectVolume(*first, 0, 3, 3);
 }
 
@@ -156,9 +156,9 @@ TEST_F(SampleSeriesTest, NrrdOf64BitIntegers) {
   const std::string header = NrrdHeader(kDims, "long long", "raw");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto good,
                                 OpenVolumeSeries(Write("w.nrrd", header + BytesOf(values))));
-  EXPECT_THAT(good->times(), IsEmpty());
+  EXPECT_THAT(good->info().times, IsEmpty());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, good->Open(0, 0, 0));
-  EXPECT_EQ(source->scalar_type(), volume::ScalarType::kFloat64);
+  EXPECT_EQ(source->info().type, volume::ScalarType::kFloat64);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*source, 1));
   EXPECT_EQ(ValuesOf<double>(bytes), std::vector<double>(kSamples, -5.0));
   values[17] = (std::int64_t{1} << 53) + 2;
@@ -175,7 +175,7 @@ TEST_F(SampleSeriesTest, ChannelsOfMetaImage) {
       MetaHeader(kDims, "MET_SHORT", "LOCAL", "ElementNumberOfChannels = 4\n");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
                                 OpenVolumeSeries(Write("c.mha", header + Tuples(4))));
-  EXPECT_THAT(series->fields()[0].components, ElementsAre("0", "1", "2", "3"));
+  EXPECT_THAT(series->info().fields[0].components, ElementsAre("0", "1", "2", "3"));
   for (int component = 0; component < 4; ++component) {
     ExpectVolume(*series, component, 0, component);
   }
@@ -190,8 +190,8 @@ TEST_F(SampleSeriesTest, AFourthAxisOfMetaImageIsSteps) {
   head.replace(head.find("1.5 2 3"), 7, "1.5 2 3 1");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
                                 OpenVolumeSeries(Write("a.mha", head + Volumes(3))));
-  EXPECT_EQ(series->step_count(), 3);
-  EXPECT_THAT(series->times(), ElementsAre(0, 1, 2));
+  EXPECT_EQ(series->info().step_count(), 3);
+  EXPECT_THAT(series->info().times, ElementsAre(0, 1, 2));
   ExpectVolume(*series, 0, 2, 2);
 }
 
@@ -202,8 +202,8 @@ TEST_F(SampleSeriesTest, OneVolumeIsASeriesOfOneStep) {
         std::pair{FileFormat::kNrrd,
                   Write("a.nrrd", NrrdHeader(kDims, "short", "raw") + Volumes(1))}}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenSampleSeries(format, path, "name", "a"));
-    EXPECT_EQ(series->name(), "name");
-    EXPECT_THAT(series->times(), IsEmpty());
+    EXPECT_EQ(series->info().name, "name");
+    EXPECT_THAT(series->info().times, IsEmpty());
     ExpectVolume(*series, 0, 0, 0);
   }
 }

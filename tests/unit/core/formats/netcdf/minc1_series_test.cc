@@ -133,20 +133,20 @@ class Minc1SeriesTest : public ::testing::Test {
 TEST_F(Minc1SeriesTest, CornersAndRealValuesSliceBySlice) {
   Write({});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path_));
-  ASSERT_EQ(series->fields().size(), 1u);
-  EXPECT_EQ(series->fields()[0].name, "a");
-  EXPECT_EQ(series->length_unit(), "mm");
-  EXPECT_EQ(series->step_count(), 1);
+  ASSERT_EQ(series->info().fields.size(), 1u);
+  EXPECT_EQ(series->info().fields[0].name, "a");
+  EXPECT_EQ(series->info().length_unit, "mm");
+  EXPECT_EQ(series->info().step_count(), 1);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path_));
-  EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
-  EXPECT_TRUE(volume->patient_frame().has_value());
+  EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
+  EXPECT_TRUE(volume->info().patient_frame.has_value());
   // RAS: x 30 + 1.5 i along y, y 20 - 2 j along -x, z 10 + 1.5 k. LPS turns the first two around.
-  const math::Mat4d to_world = volume->geometry().world_from_index();
+  const math::Mat4d to_world = volume->info().geometry.world_from_index();
   EXPECT_LT(math::Length(math::TransformPoint(to_world, {0, 0, 0}) - math::Vec3d{20, -30, 10}),
             1e-9);
   EXPECT_LT(math::Length(math::TransformPoint(to_world, {3, 2, 1}) - math::Vec3d{16, -34.5, 11.5}),
             1e-9);
-  ASSERT_EQ(volume->scalar_type(), ScalarType::kFloat32);
+  ASSERT_EQ(volume->info().type, ScalarType::kFloat32);
   for (const std::int64_t planes : {1, 2}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, planes));
     const auto values = ValuesOf<float>(bytes);
@@ -165,8 +165,8 @@ TEST_F(Minc1SeriesTest, CornersAndRealValuesSliceBySlice) {
 TEST_F(Minc1SeriesTest, TheOrderOfAxesIsThatOfTheFile) {
   Write({.axes = {"xspace", "zspace", "yspace"}, .limits = {"xspace"}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path_));
-  EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
-  const math::Mat4d to_world = volume->geometry().world_from_index();
+  EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
+  const math::Mat4d to_world = volume->info().geometry.world_from_index();
   // The fastest is y: 30 + 1.5 i against x; then z: 20 - 2 j; the slowest is x: 10 + 1.5 k along y.
   EXPECT_LT(math::Length(math::TransformPoint(to_world, {0, 0, 0}) - math::Vec3d{30, -10, 20}),
             1e-9);
@@ -180,8 +180,8 @@ TEST_F(Minc1SeriesTest, TimeMakesSteps) {
          .least = {0, 0, 10, 10, 20, 20},
          .most = {1000, 1000, 1010, 2010, 1020, 1020}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path_));
-  EXPECT_THAT(series->times(), ElementsAre(0.5, 2.5, 4.5));
-  EXPECT_EQ(series->time_unit(), "s");
+  EXPECT_THAT(series->info().times, ElementsAre(0.5, 2.5, 4.5));
+  EXPECT_EQ(series->info().time_unit, "s");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto step, series->Open(0, 0, 1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*step, 1));
   EXPECT_FLOAT_EQ(ValuesOf<float>(bytes)[0], 10 + 960);
@@ -191,12 +191,12 @@ TEST_F(Minc1SeriesTest, TimeMakesSteps) {
 TEST_F(Minc1SeriesTest, SamplesWithoutAScaleKeepTheirType) {
   Write({.limits = {}, .least = {0}, .most = {1000}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto shorts, OpenVolumeFile(path_));
-  ASSERT_EQ(shorts->scalar_type(), ScalarType::kInt16);
+  ASSERT_EQ(shorts->info().type, ScalarType::kInt16);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::string bytes, ReadAll(*shorts, 2));
   EXPECT_EQ(ValuesOf<std::int16_t>(bytes)[23], 920);
   Write({.type = NC_FLOAT, .valid = {}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto floats, OpenVolumeFile(path_));
-  ASSERT_EQ(floats->scalar_type(), ScalarType::kFloat32);
+  ASSERT_EQ(floats->info().type, ScalarType::kFloat32);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(bytes, ReadAll(*floats, 2));
   EXPECT_EQ(ValuesOf<float>(bytes)[23], 920);
 }
@@ -226,7 +226,7 @@ TEST_F(Minc1SeriesTest, TheSignAndTheRangeOfTypesAreMincs) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path_));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, 1));
     const bool is_wide = c.type == NC_INT;
-    ASSERT_EQ(volume->scalar_type(), is_wide ? ScalarType::kFloat64 : ScalarType::kFloat32);
+    ASSERT_EQ(volume->info().type, is_wide ? ScalarType::kFloat64 : ScalarType::kFloat32);
     const auto value = [&](std::size_t i) {
       return is_wide ? ValuesOf<double>(bytes)[i] : static_cast<double>(ValuesOf<float>(bytes)[i]);
     };
@@ -287,9 +287,9 @@ TEST_F(Minc1SeriesTest, HostileBytesAreErrorsOrValues) {
     const auto series = OpenVolumeSeries(path_);
     absl::Status status = series.status();
     if (series.ok()) {
-      const auto volume = (*series)->Open(0, 0, (*series)->step_count() - 1);
+      const auto volume = (*series)->Open(0, 0, (*series)->info().step_count() - 1);
       const bool is_small =
-          volume.ok() && math::Volume((*volume)->geometry().sample_dims) < 1 << 20;
+          volume.ok() && math::Volume((*volume)->info().geometry.sample_dims) < 1 << 20;
       status = !volume.ok() ? volume.status()
                : is_small   ? ReadAll(**volume, 1).status()
                             : absl::OkStatus();
@@ -328,10 +328,10 @@ TEST_F(Minc1SeriesTest, CosinesAreAVectorOfLengthOneAndUnitsOneLength) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plain, OpenMinc1Series(Write({}), "f"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, plain->Open(0, 0, 0));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mixed, OpenMinc1Series(Write({.unit_of_z = "cm"}), "f"));
-  EXPECT_EQ(mixed->length_unit(), "cm");  // of the slowest axis
+  EXPECT_EQ(mixed->info().length_unit, "cm");  // of the slowest axis
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto other, mixed->Open(0, 0, 0));
-  EXPECT_NEAR(other->geometry().spacing.x, one->geometry().spacing.x / 10, 1e-12);
-  EXPECT_NEAR(other->geometry().spacing.z, one->geometry().spacing.z, 1e-12);
+  EXPECT_NEAR(other->info().geometry.spacing.x, one->info().geometry.spacing.x / 10, 1e-12);
+  EXPECT_NEAR(other->info().geometry.spacing.z, one->info().geometry.spacing.z, 1e-12);
   EXPECT_THAT(OpenMinc1Series(Write({.unit_of_z = "s"}), "f"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"s\"")));
 }

@@ -68,17 +68,17 @@ TEST(MincSourceTest, CornersAndValues) {
   const testing::TempDir dir;
   const std::string path = WriteMinc(dir);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  EXPECT_EQ(series->fields()[0].name, "a");
-  EXPECT_EQ(series->length_unit(), "mm");
+  EXPECT_EQ(series->info().fields[0].name, "a");
+  EXPECT_EQ(series->info().length_unit, "mm");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path));
-  EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
-  EXPECT_TRUE(volume->patient_frame().has_value());
-  const math::Mat4d to_world = volume->geometry().world_from_index();
+  EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
+  EXPECT_TRUE(volume->info().patient_frame.has_value());
+  const math::Mat4d to_world = volume->info().geometry.world_from_index();
   EXPECT_LT(math::Length(math::TransformPoint(to_world, {0, 0, 0}) - math::Vec3d{-10, -20, 30}),
             1e-9);
   EXPECT_LT(math::Length(math::TransformPoint(to_world, {3, 2, 1}) - math::Vec3d{-6, -24.5, 33}),
             1e-9);
-  ASSERT_EQ(volume->scalar_type(), volume::ScalarType::kFloat32);
+  ASSERT_EQ(volume->info().type, volume::ScalarType::kFloat32);
   for (const std::int64_t planes : {1, 2}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, ReadAll(*volume, planes));
     const auto values = testing::ValuesOf<float>(bytes);
@@ -115,7 +115,7 @@ TEST(MincSourceTest, HeaderIsCheckedBeforeTheLibrariesReadIt) {
   path = WriteMinc(dir);
   ChangeMinc(path, "zspace", "units", {}, "cm");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path));
-  const volume::GridGeometry& grid = volume->geometry();
+  const volume::GridGeometry& grid = volume->info().geometry;
   EXPECT_LT(math::Length(grid.spacing - math::Vec3d{1.5, 2, 30}), 1e-9);
   EXPECT_LT(math::Length(grid.origin - math::Vec3d{-10, -20, 300}), 1e-9);
 }

@@ -82,17 +82,17 @@ TEST_F(NetcdfSeriesTest, VariablesAreFieldsAndTimesAreStepsInEveryFormat) {
     SCOPED_TRACE(mode);
     const std::string path = WriteRun(mode);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    EXPECT_THAT(series->times(), ElementsAre(0, 0.5, 2));
-    EXPECT_EQ(series->time_unit(), "s since 2000-01-01");
-    EXPECT_EQ(series->length_unit(), "m");
-    ASSERT_EQ(series->fields().size(), 2u);
-    EXPECT_EQ(series->fields()[0].name, "u");
-    EXPECT_EQ(series->fields()[0].unit, "m/s");
-    EXPECT_EQ(series->fields()[0].long_name, "velocity");
+    EXPECT_THAT(series->info().times, ElementsAre(0, 0.5, 2));
+    EXPECT_EQ(series->info().time_unit, "s since 2000-01-01");
+    EXPECT_EQ(series->info().length_unit, "m");
+    ASSERT_EQ(series->info().fields.size(), 2u);
+    EXPECT_EQ(series->info().fields[0].name, "u");
+    EXPECT_EQ(series->info().fields[0].unit, "m/s");
+    EXPECT_EQ(series->info().fields[0].long_name, "velocity");
     for (int step = 0; step < 3; ++step) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, step));
-      EXPECT_EQ(volume->scalar_type(), ScalarType::kFloat32);
-      const auto world = volume->geometry().world_from_index();
+      EXPECT_EQ(volume->info().type, ScalarType::kFloat32);
+      const auto world = volume->info().geometry.world_from_index();
       EXPECT_EQ(math::TransformPoint(world, {0, 0, 0}), (math::Vec3d{-3, 30, 5}));
       EXPECT_EQ(math::TransformPoint(world, {3, 2, 1}), (math::Vec3d{3, 10, 9}));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string u, ReadAll(*volume, 2));
@@ -107,7 +107,7 @@ TEST_F(NetcdfSeriesTest, VariablesAreFieldsAndTimesAreStepsInEveryFormat) {
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto still, OpenVolumeFile(path + ":still"));
     // Where nobody wrote an integer, it is missing.
-    EXPECT_EQ(still->scalar_type(), ScalarType::kFloat64);
+    EXPECT_EQ(still->info().type, ScalarType::kFloat64);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*still, 1));
     for (std::size_t i = 0; i < kSamples; ++i) {
       EXPECT_EQ(ValuesOf<double>(read)[i], static_cast<double>(3 * i) - 20);
@@ -142,8 +142,8 @@ TEST_F(NetcdfSeriesTest, EveryTypeIsReadAsItIs) {
       writer.Variable("p", c.type, dims, {2, 3, 4}, values, {}, {}, {1, 2, 3});
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(dir_.Sub("a.nc")));
-    ASSERT_EQ(volume->scalar_type(), c.expected);
-    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{4, 3, 2}));
+    ASSERT_EQ(volume->info().type, c.expected);
+    EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
     volume::VisitScalarType(c.expected, [&]<typename T>() {
       for (std::size_t i = 0; i < kSamples; ++i) {
@@ -171,7 +171,7 @@ TEST_F(NetcdfSeriesTest, MissingValuesAreHoles) {
   }
   const auto read = [&](const std::string& field, ScalarType type) {
     auto volume = OpenVolumeFile(absl::StrCat(dir_.Sub("a.nc"), ":", field));
-    EXPECT_TRUE(volume.ok() && (*volume)->scalar_type() == type) << volume.status();
+    EXPECT_TRUE(volume.ok() && (*volume)->info().type == type) << volume.status();
     return volume.ok() ? ReadAll(**volume, 1).value_or("") : "";
   };
   const auto library = ValuesOf<float>(read("library", ScalarType::kFloat32));
@@ -214,10 +214,10 @@ TEST_F(NetcdfSeriesTest, UnevenLevelsAreResampledIfTheRulesSaySo) {
       OpenVolumeSeries(path, {.axes = "", .rules = {.resamples = true, .fill = -99}}));
   for (const int field : {0, 1}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(field, 0, 0));
-    EXPECT_EQ(source->scalar_type(), ScalarType::kFloat32);
-    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 2, 4}));
-    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 30}));
-    EXPECT_EQ(math::TransformPoint(source->geometry().world_from_index(), {0, 0, 3}),
+    EXPECT_EQ(source->info().type, ScalarType::kFloat32);
+    EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 2, 4}));
+    EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 30}));
+    EXPECT_EQ(math::TransformPoint(source->info().geometry.world_from_index(), {0, 0, 3}),
               (math::Vec3d{0, 0, -10}));
     const auto read = ValuesOf<float>(ReadAll(*source, 1).value());
     for (std::size_t z = 0; z < 4; ++z) {
@@ -234,7 +234,7 @@ TEST_F(NetcdfSeriesTest, UnevenLevelsAreResampledIfTheRulesSaySo) {
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto single,
                                 OpenVolumeFile(path + ":q", "", {.resamples = true}));
-  EXPECT_THAT(single->note(), HasSubstr("3 samples, 30 to 60 apart, became 4, 30 apart"));
+  EXPECT_THAT(single->info().note, HasSubstr("3 samples, 30 to 60 apart, became 4, 30 apart"));
 }
 
 TEST_F(NetcdfSeriesTest, RefusesInASentence) {
@@ -282,10 +282,10 @@ TEST_F(NetcdfSeriesTest, CoordinatesThatAVariableNamesPlaceItOrAreRefused) {
     writer.Variable("half", NC_FLOAT, {z, y, x}, {2, 3, 4}, Ramp());
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path + ":t"));
-  ASSERT_EQ(series->fields().size(), 1u) << "others have other coordinates";
-  EXPECT_EQ(series->length_unit(), "m");
+  ASSERT_EQ(series->info().fields.size(), 1u) << "others have other coordinates";
+  EXPECT_EQ(series->info().length_unit, "m");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-  const auto world = volume->geometry().world_from_index();
+  const auto world = volume->info().geometry.world_from_index();
   EXPECT_EQ(math::TransformPoint(world, {0, 0, 0}), (math::Vec3d{0, 0, -2}));
   EXPECT_EQ(math::TransformPoint(world, {3, 2, 1}), (math::Vec3d{3, 2, -7}));
   EXPECT_THAT(OpenVolumeFile(path + ":u"),
@@ -297,7 +297,7 @@ TEST_F(NetcdfSeriesTest, CoordinatesThatAVariableNamesPlaceItOrAreRefused) {
   for (const char* name : {":u", ":half"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto indexed,
                                   OpenVolumeFile(path + name, "", {.has_spacing = true}));
-    EXPECT_EQ(indexed->geometry().spacing.z, 1) << name;
+    EXPECT_EQ(indexed->info().geometry.spacing.z, 1) << name;
   }
 }
 
@@ -313,13 +313,13 @@ TEST_F(NetcdfSeriesTest, FieldOnAnotherGridIsNamedWithThePathThatOpensIt) {
     writer.Variable("b", NC_FLOAT, {dims[0], dims[1], other}, {2, 3, 4}, Ramp());
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto series, OpenVolumeSeries(path));
-  EXPECT_EQ(series->fields().size(), 2u);
-  EXPECT_THAT(series->FieldsElsewhere(), ElementsAre("b"));
+  EXPECT_EQ(series->info().fields.size(), 2u);
+  EXPECT_THAT(series->info().fields_elsewhere, ElementsAre("b"));
   EXPECT_THAT(SelectFrom(std::move(series), {.fields = {"b"}}),
               StatusIs(kInvalid, AllOf(HasSubstr("no field \"b\""),
                                        HasSubstr("another grid: open " + path + ":b"))));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto named, OpenVolumeSeries(path + ":b"));
-  EXPECT_EQ(named->fields()[0].name, "b");
+  EXPECT_EQ(named->info().fields[0].name, "b");
 }
 
 TEST_F(NetcdfSeriesTest, DimensionsWithoutMeaningAreNamedAndAxesGivesIt) {
@@ -335,7 +335,7 @@ TEST_F(NetcdfSeriesTest, DimensionsWithoutMeaningAreNamedAndAxesGivesIt) {
     writer.Variable("u", NC_FLOAT, {run, z, y, x}, {3, 2, 3, 4}, Ramp(3));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, OpenVolumeSeries(path));
-  EXPECT_EQ(others->fields()[0].name, "still");
+  EXPECT_EQ(others->info().fields[0].name, "still");
   EXPECT_THAT(
       OpenVolumeSeries(path + ":u"),
       StatusIs(kInvalid,
@@ -343,21 +343,21 @@ TEST_F(NetcdfSeriesTest, DimensionsWithoutMeaningAreNamedAndAxesGivesIt) {
                      HasSubstr("isoscope partition " + path + ":u --axes CZYX --output DIR"))));
   for (const char* axes : {"TZYX", "CZYX"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path + ":u", {.axes = axes}));
-    ASSERT_EQ(series->fields().size(), 1u);
+    ASSERT_EQ(series->info().fields.size(), 1u);
     const bool has_time = axes[0] == 'T';
-    EXPECT_EQ(series->step_count(), has_time ? 3 : 1);
+    EXPECT_EQ(series->info().step_count(), has_time ? 3 : 1);
     // Three runs are no vector.
-    EXPECT_EQ(series->fields()[0].components,
+    EXPECT_EQ(series->info().fields[0].components,
               has_time ? std::vector<std::string>{""} : std::vector<std::string>({"0", "1", "2"}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
                                   series->Open(0, has_time ? 0 : 2, has_time ? 2 : 0));
-    EXPECT_EQ(math::TransformPoint(volume->geometry().world_from_index(), {0, 0, 1}),
+    EXPECT_EQ(math::TransformPoint(volume->info().geometry.world_from_index(), {0, 0, 1}),
               (math::Vec3d{0, 0, -500}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
     EXPECT_EQ(ValuesOf<float>(read)[5], 3 * 5 + 200 - 20);
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto turned, OpenVolumeSeries(path, {.axes = "XYZ"}));
-  EXPECT_EQ(turned->fields()[0].name, "still");
+  EXPECT_EQ(turned->info().fields[0].name, "still");
   EXPECT_THAT(OpenVolumeSeries(path + ":u", {.axes = "ZYX"}),
               StatusIs(kInvalid, AllOf(HasSubstr(":u"), HasSubstr("run (?, 3)"))));
   EXPECT_THAT(OpenVolumeSeries(path, {.axes = "TCZYX"}),

@@ -45,8 +45,8 @@ TEST(NetcdfSourceTest, ReadsStepsAndComponentsWhateverTheOrderOfAxes) {
       volumes[0].roles = CfRolesOf(volumes[0].axes).value();
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
                                     OpenNetcdfVolume(std::move(file), volumes[0], step, component));
-      EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{3, 4, 5}));
-      EXPECT_EQ(math::TransformPoint(volume->geometry().world_from_index(), {2, 3, 4}),
+      EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{3, 4, 5}));
+      EXPECT_EQ(math::TransformPoint(volume->info().geometry.world_from_index(), {2, 3, 4}),
                 (math::Vec3d{4, 2, 3}));
       for (const std::int64_t planes : {1, 2, 5}) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, planes));

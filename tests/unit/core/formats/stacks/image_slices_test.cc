@@ -48,9 +48,9 @@ TEST(ImageSlicesTest, SlicesAreStackedByTheNumbersInTheirNames) {
   WriteFile(dir.Sub("notes.txt"), "none of them");
   for (const std::string& path : {dir.path(), dir.Sub("s*.png")}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 3}));
-    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
-    ASSERT_EQ(source->scalar_type(), volume::ScalarType::kUint16);
+    EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 3, 3}));
+    EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
+    ASSERT_EQ(source->info().type, volume::ScalarType::kUint16);
     std::vector<std::uint16_t> expected;
     for (const int z : {8, 9, 10}) {
       for (const std::uint16_t sample : Counted<std::uint16_t>(12, z)) {
@@ -75,7 +75,7 @@ TEST(ImageSlicesTest, StackWithAGapIsRefusedAndTakenAsNeighbours) {
                          HasSubstr("missing between s2.png and s4.png: 3; --axes Z")));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path, {.axes = "Z"}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
-    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{4, 3, 3}));
+    EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{4, 3, 3}));
     EXPECT_THAT(OpenVolumeSeries(path, {.axes = "TZ"}),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--axes TZ")));
   }
@@ -92,9 +92,9 @@ TEST(ImageSlicesTest, Jpeg2000ComesBackWithEachBit) {
       std::filesystem::rename(written, dir.Sub(absl::StrCat(z, ending)));
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
-    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{40, 30, 2}));
-    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
-    ASSERT_EQ(source->scalar_type(), volume::ScalarType::kUint16);
+    EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{40, 30, 2}));
+    EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
+    ASSERT_EQ(source->info().type, volume::ScalarType::kUint16);
     std::vector<std::uint16_t> expected = Counted<std::uint16_t>(1200);
     for (const std::uint16_t sample : Counted<std::uint16_t>(1200, 1)) {
       expected.push_back(sample);
@@ -110,7 +110,7 @@ TEST(ImageSlicesTest, GreyJpegHasTheSamplesThatItkReads) {
     WriteImage<itk::JPEGImageIO>(dir.Sub(name), {16, 16}, Counted<std::uint8_t>(256));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{16, 16, 2}));
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{16, 16, 2}));
   std::vector<std::uint8_t> expected(256);
   io->SetFileName(dir.Sub("0.jpg"));
   io->ReadImageInformation();
@@ -153,7 +153,7 @@ TEST(ImageSlicesTest, MemoryOfTheDecoderOfJpeg2000IsCounted) {
       }
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
-    bytes.push_back(source->memory_bytes());
+    bytes.push_back(source->info().memory_bytes);
   }
   EXPECT_EQ(bytes[1] - bytes[0], 12 * 40 * 30);
 }
@@ -170,7 +170,7 @@ TEST(ImageSlicesTest, SlicesOfAVolumeAreOfOneKindAndPreviewsAreLeftOut) {
   }
   EXPECT_THAT(ImageSlicesNamed(dir.path()), ElementsAre(dir.Sub("c1.png"), dir.Sub("c2.png")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.path()));
-  EXPECT_EQ(source->geometry().sample_dims, (math::Index3{8, 8, 2}));
+  EXPECT_EQ(source->info().geometry.sample_dims, (math::Index3{8, 8, 2}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(dir.Sub("*.jpg")));
   EXPECT_THAT(files, ElementsAre(dir.Sub("a.jpg"), dir.Sub("preview.jpg")));
 }

@@ -142,8 +142,8 @@ TEST(TiffSourceTest, PagesOfEveryTypeOrderCompressionAndShapeComeBackExactly) {
           WritePages(path, mode, {.type = type, .compression = compression, .is_tiled = is_tiled},
                      samples);
           ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-          EXPECT_EQ(source->geometry().sample_dims, kDims);
-          EXPECT_EQ(source->scalar_type(), type);
+          EXPECT_EQ(source->info().geometry.sample_dims, kDims);
+          EXPECT_EQ(source->info().type, type);
           for (const std::int64_t planes : {1, 4}) {  // twice: back to the first page
             ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, planes));
             EXPECT_TRUE(read == samples);
@@ -159,7 +159,7 @@ TEST(TiffSourceTest, PartsOfSlicesAreCutOutOfThem) {
   const std::string samples = Noise(kDims, ScalarType::kUint16);
   WritePages(dir.Sub("v.tiff"), "w", {}, samples);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.Sub("v.tiff")));
-  EXPECT_FALSE(source->is_seekable());
+  EXPECT_FALSE(source->info().is_seekable);
   for (std::int64_t begin = 0; begin + 50 < 21 * 6; begin += 5) {
     std::string rows(50 * 74, '\0');
     ISOSCOPE_ASSERT_OK(source->ReadRows(begin, begin + 50, rows.data()));
@@ -177,10 +177,10 @@ TEST(TiffSourceTest, FilesOfTwoStacksAreRefusedAndTakenAsNeighbours) {
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr(absl::StrCat("choose one, as in '", dir.Sub("ct[0-9]*.tif'")))));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, OpenVolumeFile(dir.Sub("ct[0-9]*.tif")));
-  EXPECT_EQ(one->geometry().sample_dims.z, 2);
+  EXPECT_EQ(one->info().geometry.sample_dims.z, 2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, OpenVolumeSeries(dir.path(), {.axes = "Z"}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, all->Open(0, 0, 0));
-  EXPECT_EQ(source->geometry().sample_dims.z, 4);
+  EXPECT_EQ(source->info().geometry.sample_dims.z, 4);
 }
 
 TEST(TiffSourceTest, FolderAndPatternAreStackedByTheNumbersInTheirNames) {
@@ -192,11 +192,11 @@ TEST(TiffSourceTest, FolderAndPatternAreStackedByTheNumbersInTheirNames) {
   }
   WriteFile(dir.Sub("notes.txt"), "no slice");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto folder, OpenVolumeFile(dir.path()));
-  EXPECT_EQ(folder->geometry().sample_dims, (math::Index3{37, 21, 12}));
+  EXPECT_EQ(folder->info().geometry.sample_dims, (math::Index3{37, 21, 12}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*folder, 5));
   EXPECT_TRUE(read == samples);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pattern, OpenVolumeFile(dir.Sub("slice?.tif")));
-  EXPECT_EQ(pattern->geometry().sample_dims.z, 5);  // 0, 2, 4, 6, 8
+  EXPECT_EQ(pattern->info().geometry.sample_dims.z, 5);  // 0, 2, 4, 6, 8
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string second, ReadAll(*pattern, 5));
   EXPECT_TRUE(second.substr(37 * 21, 37 * 21) == samples.substr(2 * 37 * 21, 37 * 21));
 }
@@ -234,7 +234,7 @@ TEST(TiffSourceTest, MixedSlicesColourAndCutFilesAreRefused) {
     WriteFile(dir.Sub("cut.tif"), whole.substr(0, size));
     const auto source = OpenVolumeFile(dir.Sub("cut.tif"));
     if (source.ok()) {  // the pages that are whole look like a smaller stack
-      EXPECT_LT((*source)->geometry().sample_dims.z, kDims.z) << size;
+      EXPECT_LT((*source)->info().geometry.sample_dims.z, kDims.z) << size;
     }
   }
   int refused = 0;
@@ -249,14 +249,14 @@ TEST(TiffSourceTest, MixedSlicesColourAndCutFilesAreRefused) {
       EXPECT_THAT(std::string(source.status().message()), HasSubstr("cut.tif")) << at;
       continue;
     }
-    if (math::Volume((*source)->geometry().sample_dims) > 10 * math::Volume(kDims)) {
+    if (math::Volume((*source)->info().geometry.sample_dims) > 10 * math::Volume(kDims)) {
       continue;
     }
     const absl::StatusOr<std::string> read = ReadAll(**source, 1);
     if (read.ok()) {
       EXPECT_EQ(read->size(),
-                static_cast<std::size_t>(math::Volume((*source)->geometry().sample_dims)) *
-                    volume::SizeOf((*source)->scalar_type()))
+                static_cast<std::size_t>(math::Volume((*source)->info().geometry.sample_dims)) *
+                    volume::SizeOf((*source)->info().type))
           << at;
       same += *read == samples_of_pages ? 1 : 0;
     } else {
@@ -310,7 +310,7 @@ std::vector<int> PlanesOf(VolumeSeries& series, int field, int step) {
   if (!bytes.ok()) {
     return {-1};
   }
-  const math::Index3& dims = (*source)->geometry().sample_dims;
+  const math::Index3& dims = (*source)->info().geometry.sample_dims;
   for (std::int64_t z = 0; z < dims.z; ++z) {
     std::vector<std::uint16_t> plane(static_cast<std::size_t>(dims.x * dims.y));
     std::memcpy(plane.data(), bytes->data() + z * dims.x * dims.y * 2, plane.size() * 2);
@@ -340,21 +340,21 @@ TEST(TiffSourceTest, ChannelsOfOmeAreFieldsAndItsTimesSteps) {
                                       "<Channel Name=\"red\"/><Channel Name=\"green\"/><Channel/>"),
                .mode = mode}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    ASSERT_EQ(series->fields().size(), 3u);
-    EXPECT_EQ(series->fields()[1].name, "green");
-    EXPECT_EQ(series->fields()[2].name, "channel 2");
-    EXPECT_THAT(series->times(), ElementsAre(0, 4));
-    EXPECT_EQ(series->time_unit(), "s");
-    EXPECT_EQ(series->length_unit(), "um");
+    ASSERT_EQ(series->info().fields.size(), 3u);
+    EXPECT_EQ(series->info().fields[1].name, "green");
+    EXPECT_EQ(series->info().fields[2].name, "channel 2");
+    EXPECT_THAT(series->info().times, ElementsAre(0, 4));
+    EXPECT_EQ(series->info().time_unit, "s");
+    EXPECT_EQ(series->info().length_unit, "um");
     EXPECT_THAT(PlanesOf(*series, 0, 0), ElementsAre(0, 3));
     EXPECT_THAT(PlanesOf(*series, 2, 1), ElementsAre(8, 11));
     EXPECT_THAT(PlanesOf(*series, 1, 0), ElementsAre(1, 4));  // back to an earlier page
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
-    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 0.25, 2}));
-    EXPECT_EQ(source->geometry().origin, (math::Vec3d{0, 0, 0}));
+    EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.5, 0.25, 2}));
+    EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{0, 0, 0}));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenVolumeSeries(path + ":green"));
-  EXPECT_EQ(part->fields().size(), 1u);
+  EXPECT_EQ(part->info().fields.size(), 1u);
   EXPECT_THAT(PlanesOf(*part, 0, 1), ElementsAre(7, 10));
   EXPECT_THAT(OpenVolumeFile(path).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("red, green, channel 2")));
@@ -424,12 +424,12 @@ TEST(TiffSourceTest, ImageJsChannelsAreFieldsAndItsFramesSteps) {
       path,
       {.pages = 12, .description = kText, .resolution = 4, .photometric = PHOTOMETRIC_PALETTE}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  EXPECT_EQ(series->fields().size(), 3u);
-  EXPECT_THAT(series->times(), ElementsAre(0, 0.5));
-  EXPECT_EQ(series->length_unit(), "um");
+  EXPECT_EQ(series->info().fields.size(), 3u);
+  EXPECT_THAT(series->info().times, ElementsAre(0, 0.5));
+  EXPECT_EQ(series->info().length_unit, "um");
   EXPECT_THAT(PlanesOf(*series, 1, 1), ElementsAre(7, 10));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.25, 0.25, 3}));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{0.25, 0.25, 3}));
   // Told otherwise.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto turned, OpenVolumeSeries(path, {.axes = "CTZ"}));
   EXPECT_THAT(PlanesOf(*turned, 1, 1), ElementsAre(6, 7));
@@ -463,7 +463,7 @@ TEST(TiffSourceTest, SizesOfPixelsAlongSomeAxesOnlyAreRefused) {
   // Those of a print are none.
   ASSERT_TRUE(WriteTiffStack(path, {.resolution = 300, .unit = RESUNIT_INCH}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-  EXPECT_EQ(source->geometry().spacing, (math::Vec3d{1, 1, 1}));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
 }
 
 // Pages of 4 x 3: where the first and the last sample of a row, and of a column, lie.
@@ -484,7 +484,7 @@ TEST(TiffSourceTest, PagesLieAsTheirOrientationSays) {
     SCOPED_TRACE(c.orientation);
     ASSERT_TRUE(WriteTiffStack(path, {.pages = 2, .orientation = c.orientation}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-    const auto world = source->geometry().world_from_index();
+    const auto world = source->info().geometry.world_from_index();
     EXPECT_EQ(math::TransformPoint(world, {0, 0, 0}), c.first);
     EXPECT_EQ(math::TransformPoint(world, {3, 0, 0}), c.row_end);
     EXPECT_EQ(math::TransformPoint(world, {0, 2, 0}), c.column_end);
@@ -542,12 +542,12 @@ TEST(TiffSourceTest, LsmHasThumbnailsBetweenItsPagesAndChannelsInThem) {
              .photometric = PHOTOMETRIC_RGB,
              .has_thumbnails = true}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-  EXPECT_EQ(series->fields().size(), 2u);
-  EXPECT_THAT(series->times(), ElementsAre(0, 3));
+  EXPECT_EQ(series->info().fields.size(), 2u);
+  EXPECT_THAT(series->info().times, ElementsAre(0, 3));
   EXPECT_THAT(PlanesOf(*series, 1, 0), ElementsAre(1, 3));
   EXPECT_THAT(PlanesOf(*series, 0, 1), ElementsAre(4, 6));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, 0, 0));
-  EXPECT_NEAR(source->geometry().spacing.z, 0.5, 1e-12);
+  EXPECT_NEAR(source->info().geometry.spacing.z, 0.5, 1e-12);
 }
 
 TEST(TiffSourceTest, AxesSayWhatPlainPagesAndFilesAre) {
@@ -555,7 +555,7 @@ TEST(TiffSourceTest, AxesSayWhatPlainPagesAndFilesAre) {
   ASSERT_TRUE(WriteTiffStack(dir.Sub("a.tif"), {.pages = 12}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages,
                                 OpenVolumeSeries(dir.Sub("a.tif"), {.axes = "TC3Z2"}));
-  EXPECT_EQ(pages->step_count(), 2);
+  EXPECT_EQ(pages->info().step_count(), 2);
   EXPECT_THAT(PlanesOf(*pages, 1, 1), ElementsAre(8, 9));
   EXPECT_THAT(
       OpenVolumeSeries(dir.Sub("a.tif"), {.axes = "C5Z"}).status(),

@@ -85,7 +85,7 @@ class LegacyVtkSeriesTest : public ::testing::Test {
 };
 
 void ExpectCorner(const VolumeSource& volume, const math::Vec3d& index, const math::Vec3d& world) {
-  const math::Vec3d at = math::TransformPoint(volume.geometry().world_from_index(), index);
+  const math::Vec3d at = math::TransformPoint(volume.info().geometry.world_from_index(), index);
   EXPECT_EQ(at, world) << at.x << " " << at.y << " " << at.z;
 }
 
@@ -96,7 +96,7 @@ void ExpectTypeIsRead(const std::string& path, const char* name, ScalarType type
       path, absl::StrCat(Head(is_binary), "POINT_DATA 24\nSCALARS p ", name,
                          "\nLOOKUP_TABLE default\n", Stored(is_binary, Values<T>(kPoints))));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, OpenVolumeFile(path));
-  EXPECT_EQ(volume->scalar_type(), type);
+  EXPECT_EQ(volume->info().type, type);
   ExpectCorner(*volume, {0, 0, 0}, {10, 20, 30});
   ExpectCorner(*volume, {3, 2, 1}, {11.5, 24, 34});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
@@ -152,8 +152,8 @@ TEST_F(LegacyVtkSeriesTest, ArraysAreFieldsWithComponents) {
         "METADATA\nCOMPONENT_NAMES\nre\nim%20part\n\nbits 1 24 bit\n",
         is_binary ? "abc\n" : absl::StrJoin(std::vector<int>(24, 1), " "), "\n");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(Write(bytes)));
-    EXPECT_THAT(series->times(), ElementsAre(4.5));
-    const std::vector<SourceField>& fields = series->fields();
+    EXPECT_THAT(series->info().times, ElementsAre(4.5));
+    const std::vector<SourceField>& fields = series->info().fields;
     ASSERT_EQ(fields.size(), 3u);
     EXPECT_EQ(fields[0].name, "rho m");
     EXPECT_EQ(fields[0].unit, "kg/m^3");
@@ -185,7 +185,7 @@ TEST_F(LegacyVtkSeriesTest, CellsAreAtTheirCentres) {
                          "CELL_DATA 12\nSCALARS c int 1\nLOOKUP_TABLE default\n",
                          Stored(is_binary, Values<std::int32_t>(12))),
             "nameless")));
-    EXPECT_EQ(volume->geometry().sample_dims, (math::Index3{3, 2, 2}));
+    EXPECT_EQ(volume->info().geometry.sample_dims, (math::Index3{3, 2, 2}));
     ExpectCorner(*volume, {0, 0, 0}, {10.25, 21, 32});
     ExpectCorner(*volume, {2, 1, 1}, {11.25, 23, 36});
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
@@ -217,7 +217,7 @@ TEST_F(LegacyVtkSeriesTest, RectilinearGridsAreReadIfTheyAreEvenAndElseResampled
                                                                HasSubstr("--resample"))));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto uneven,
                                   OpenVolumeFile(path, "", {.resamples = true, .fill = -20}));
-    EXPECT_EQ(uneven->geometry().sample_dims, (math::Index3{5, 3, 2}));
+    EXPECT_EQ(uneven->info().geometry.sample_dims, (math::Index3{5, 3, 2}));
     ExpectCorner(*uneven, {4, 2, 1}, {14, 24, 34});
     const auto read = ValuesOf<float>(ReadAll(*uneven, 2).value());
     EXPECT_TRUE(std::isnan(read[0]));  // the fill value

@@ -134,8 +134,8 @@ TEST_F(VtiSourceTest, EveryWayToStoreAnArrayComesBackExactly) {
     vti.has_long_header = (mask & 16) != 0;
     SCOPED_TRACE(mask);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open(FileBytes(vti, samples)));
-    EXPECT_EQ(source->geometry().sample_dims, kDims);
-    EXPECT_EQ(source->scalar_type(), ScalarType::kInt16);
+    EXPECT_EQ(source->info().geometry.sample_dims, kDims);
+    EXPECT_EQ(source->info().type, ScalarType::kInt16);
     for (const std::int64_t planes : {1, 2, 9}) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, planes));
       EXPECT_TRUE(read == samples);
@@ -164,7 +164,7 @@ TEST_F(VtiSourceTest, EveryTypeIsKnownAndOthersAreRefused) {
     vti.is_compressed = true;
     const std::string samples = Noise(kDims, row.type);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open(FileBytes(vti, samples)));
-    EXPECT_EQ(source->scalar_type(), row.type);
+    EXPECT_EQ(source->info().type, row.type);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 4));
     EXPECT_TRUE(read == samples) << row.name;
   }
@@ -175,7 +175,7 @@ TEST_F(VtiSourceTest, EveryTypeIsKnownAndOthersAreRefused) {
   WriteFile(dir_.Sub("w.vti"), FileBytes(vti, wide));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto integers,
                                 OpenVolumeFile(dir_.Sub("w.vti") + ":density"));
-  EXPECT_EQ(integers->scalar_type(), ScalarType::kFloat64);
+  EXPECT_EQ(integers->info().type, ScalarType::kFloat64);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string values, ReadAll(*integers, 4));
   EXPECT_EQ(values.substr(8, 8), std::string("\0\0\0\0\0\0\x45\x40", 8));  // 42.0
   vti.type = "Int128";
@@ -192,7 +192,7 @@ TEST_F(VtiSourceTest, GeometryIsThatOfTheFile) {
       "0 0 0 1\"";
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source,
                                 Open(FileBytes(vti, Noise(kDims, ScalarType::kInt16))));
-  const volume::GridGeometry& geometry = source->geometry();
+  const volume::GridGeometry& geometry = source->info().geometry;
   EXPECT_EQ(geometry.sample_dims, kDims);
   EXPECT_EQ(geometry.spacing, (math::Vec3d{0.5, 2, 4}));
   EXPECT_EQ(geometry.direction.columns[0], (math::Vec3d{0, 1, 0}));
@@ -228,9 +228,9 @@ TEST_F(VtiSourceTest, CellsAndComponentsComeBackExactly) {
     for (int component = 0; component < 3; ++component) {
       const std::string path = absl::StrCat(dir_.Sub("v.vti"), ":u:", component);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
-      EXPECT_EQ(source->name(), path);
-      EXPECT_EQ(source->geometry().sample_dims, cells);
-      EXPECT_EQ(source->geometry().origin, (math::Vec3d{0.5, 0.5, 0.5}));
+      EXPECT_EQ(source->info().name, path);
+      EXPECT_EQ(source->info().geometry.sample_dims, cells);
+      EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{0.5, 0.5, 0.5}));
       for (const std::int64_t planes : {1, 3, 8}) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, planes));
         EXPECT_TRUE(read == samples[component]);
@@ -262,7 +262,7 @@ TEST_F(VtiSourceTest, LongTuplesAreReadInBoundedMemory) {
   bytes.replace(bytes.find("Name=\"density\""), 14, "Name=\"u\" NumberOfComponents=\"4096\"");
   WriteFile(dir_.Sub("v.vti"), bytes);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.Sub("v.vti:u:4095")));
-  EXPECT_LT(source->memory_bytes(), 128 << 10);
+  EXPECT_LT(source->info().memory_bytes, 128 << 10);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 3));
   EXPECT_TRUE(read == expected);
 }
@@ -363,7 +363,7 @@ TEST_F(VtiSourceTest, TextIsReadAsTheTypeThatTheTagSays) {
                         "</DataArray></PointData></Piece></ImageData></VTKFile>");
   };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, Open(bytes("ascii", "\n 1 2 3 4 5 6 7 255")));
-  EXPECT_EQ(source->scalar_type(), ScalarType::kUint8);
+  EXPECT_EQ(source->info().type, ScalarType::kUint8);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 1));
   EXPECT_EQ(read, "\1\2\3\4\5\6\7\xff");
   for (const char* text : {"1 2 3 4 5 6 7", "1 2 3 4 5 6 7 256", "1 2 3 4 5 6 7 a", ""}) {

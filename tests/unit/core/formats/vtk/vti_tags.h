@@ -43,13 +43,13 @@ inline std::string VtiTags(const std::string& points, const std::string& cells =
 // Reads headers from texts.
 class VtiTagsTest : public ::testing::Test {
  protected:
-  absl::StatusOr<source::VtiHeader> Read(const std::string& bytes, const std::string& part = "") {
+  absl::StatusOr<source::VtiHeader> Read(const std::string& bytes) {
     WriteFile(dir_.Sub("v.vti"), bytes);
     const auto file = io::OpenRandomAccessFile(dir_.Sub("v.vti"));
-    return file.ok() ? source::ReadVtiHeader(**file, part) : file.status();
+    return file.ok() ? source::ReadWholeVtiHeader(**file) : file.status();
   }
   absl::StatusOr<source::VtiChoice> Choose(const std::string& bytes, const std::string& part = "") {
-    const auto header = Read(bytes, part);
+    const auto header = Read(bytes);
     return header.ok() ? source::ChooseVtiArray(*header, part, "v.vti") : header.status();
   }
   // "p:name:component" or "c:name:component".

@@ -59,7 +59,7 @@ class VtkImageTest : public ::testing::Test {
     EXPECT_TRUE(bytes.ok()) << bytes.status();
     std::vector<double> values;
     if (bytes.ok()) {
-      volume::VisitScalarType((*source)->scalar_type(), [&]<typename T>() {
+      volume::VisitScalarType((*source)->info().type, [&]<typename T>() {
         const std::vector<T> read = ValuesOf<T>(*bytes);
         values.assign(read.begin(), read.end());
       });
@@ -161,7 +161,7 @@ TEST_F(VtkImageTest, ANameSaysNoMoreThanThePathWhereThatNamesOneScalar) {
   for (const auto& c : cases) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto image, OpenVtkImage(dir_.Sub(c.file), c.part));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, image->Open(c.array, c.component));
-    EXPECT_EQ(source->name(), dir_.Sub(c.name)) << c.file << " " << c.part;
+    EXPECT_EQ(source->info().name, dir_.Sub(c.name)) << c.file << " " << c.part;
   }
 }
 

@@ -75,20 +75,20 @@ class VtkSeriesTest : public ::testing::Test {
 TEST_F(VtkSeriesTest, ImageHasOneStepWithItsTime) {
   const std::string path = Write("a.vti", VtiBytes(Step(4)));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, OpenVtkImageSeries(path, ""));
-  EXPECT_EQ(all->name(), path);
-  EXPECT_THAT(all->times(), ElementsAre(1.5));
-  ASSERT_EQ(all->fields().size(), 2u);
+  EXPECT_EQ(all->info().name, path);
+  EXPECT_THAT(all->info().times, ElementsAre(1.5));
+  ASSERT_EQ(all->info().fields.size(), 2u);
   EXPECT_EQ(First(*all, 0, 0, 0), 4);
   EXPECT_EQ(First(*all, 1, 2, 0), 12);
-  EXPECT_EQ(all->time_unit(), "");
+  EXPECT_EQ(all->info().time_unit, "");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto array, OpenVtkImageSeries(path, "v"));
-  EXPECT_TRUE(array->times().empty());
-  ASSERT_EQ(array->fields().size(), 1u);
-  EXPECT_EQ(array->fields()[0].components.size(), 3u);
+  EXPECT_TRUE(array->info().times.empty());
+  ASSERT_EQ(array->info().fields.size(), 1u);
+  EXPECT_EQ(array->info().fields[0].components.size(), 3u);
   EXPECT_EQ(First(*array, 0, 1, 0), 8);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto component, OpenVtkImageSeries(path, "v:2"));
-  EXPECT_EQ(component->fields()[0].name, "v");
-  EXPECT_THAT(component->fields()[0].components, ElementsAre(""));
+  EXPECT_EQ(component->info().fields[0].name, "v");
+  EXPECT_THAT(component->info().fields[0].components, ElementsAre(""));
   EXPECT_EQ(First(*component, 0, 0, 0), 12);
 }
 
@@ -126,8 +126,8 @@ TEST_F(VtkSeriesTest, CollectionHasAStepForEachFile) {
       PvdBytes(
           {{"-1", "s0.vti"}, {"0", "s1.vti"}, {"0.5", dir_.Sub("s2.vti")}, {"1e3", "s3.vti"}}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenPvdSeries(path));
-  EXPECT_THAT(series->times(), ElementsAre(-1, 0, 0.5, 1000));
-  EXPECT_EQ(series->step_count(), 4);
+  EXPECT_THAT(series->info().times, ElementsAre(-1, 0, 0.5, 1000));
+  EXPECT_EQ(series->info().step_count(), 4);
   for (const int step : {0, 1, 2, 3, 1, 0}) {
     EXPECT_EQ(First(*series, 0, 0, step), static_cast<float>(step + 1));
     EXPECT_EQ(First(*series, 1, 2, step), static_cast<float>(3 * step + 3));
@@ -193,9 +193,9 @@ TEST_F(VtkSeriesTest, AKeyInTheTimeBelongsNeitherToItsTextNorToAnArray) {
                      text, "</DataArray></FieldData>");
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series,
                                   OpenVolumeSeries(Write("key.vti", VtiBytes(image))));
-    EXPECT_THAT(series->times(), ElementsAre(2.5)) << text;
-    EXPECT_EQ(series->time_unit(), absl::StrContains(text, "UNITS") ? "ms" : "") << text;
-    EXPECT_EQ(series->fields()[0].unit, "");
+    EXPECT_THAT(series->info().times, ElementsAre(2.5)) << text;
+    EXPECT_EQ(series->info().time_unit, absl::StrContains(text, "UNITS") ? "ms" : "") << text;
+    EXPECT_EQ(series->info().fields[0].unit, "");
   }
 }
 

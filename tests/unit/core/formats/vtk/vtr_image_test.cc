@@ -116,13 +116,13 @@ TEST_F(VtrImageTest, PointsLieAtTheirCoordinatesInEachFormat) {
     SCOPED_TRACE(static_cast<int>(format));
     const std::string path = Write(VtrBytes({.format = format}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
-    ASSERT_EQ(series->fields().size(), 2u);
-    EXPECT_EQ(series->fields()[0].name, "p");
-    EXPECT_EQ(series->fields()[1].components, (std::vector<std::string>{"x", "y", "z"}));
-    EXPECT_THAT(series->times(), ElementsAre(2.5));
+    ASSERT_EQ(series->info().fields.size(), 2u);
+    EXPECT_EQ(series->info().fields[0].name, "p");
+    EXPECT_EQ(series->info().fields[1].components, (std::vector<std::string>{"x", "y", "z"}));
+    EXPECT_THAT(series->info().times, ElementsAre(2.5));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, series->Open(0, 0, 0));
-    EXPECT_EQ(p->geometry().sample_dims, (math::Index3{4, 3, 2}));
-    const math::Mat4d to_world = p->geometry().world_from_index();
+    EXPECT_EQ(p->info().geometry.sample_dims, (math::Index3{4, 3, 2}));
+    const math::Mat4d to_world = p->info().geometry.world_from_index();
     EXPECT_EQ(math::TransformPoint(to_world, {0, 0, 0}), (math::Vec3d{1, 10, 0}));
     EXPECT_EQ(math::TransformPoint(to_world, {3, 2, 1}), (math::Vec3d{2.5, 6, 3}));
     EXPECT_EQ(Values(*p), Counted(24, 0));
@@ -145,7 +145,7 @@ TEST_F(VtrImageTest, KeysMayStandBehindTheSamplesOrBefore) {
                                       {"format=\"binary\">", "format=\"binary\">\n" + key}})}) {
       const std::string path = Write(bytes);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, OpenVolumeFile(path + ":p"));
-      EXPECT_EQ(p->geometry().origin, (math::Vec3d{1, 10, 0}));
+      EXPECT_EQ(p->info().geometry.origin, (math::Vec3d{1, 10, 0}));
       EXPECT_EQ(Values(*p), Counted(24, 0));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto v, OpenVolumeFile(path + ":v:0"));
       EXPECT_EQ(Values(*v)[23], 169);
@@ -163,8 +163,8 @@ TEST_F(VtrImageTest, CellsLieBetweenThePoints) {
                           {{"2 5 0 2 5 6", "2 5 0 2 5 7"},
                            {"50 51 52 53 54 55", "50 51 52 53 54 55 56 57 58 59 60 61"}});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cells, OpenVolumeFile(Write(bytes)));
-  EXPECT_EQ(cells->geometry().sample_dims, (math::Index3{3, 2, 2}));
-  EXPECT_EQ(cells->geometry().origin, (math::Vec3d{1.25, 9, 0.5}));
+  EXPECT_EQ(cells->info().geometry.sample_dims, (math::Index3{3, 2, 2}));
+  EXPECT_EQ(cells->info().geometry.origin, (math::Vec3d{1.25, 9, 0.5}));
   EXPECT_EQ(Values(*cells), Counted(12, 50));
 }
 
@@ -172,7 +172,7 @@ TEST_F(VtrImageTest, UnevenAxesAreRefusedOrResampled) {
   const std::string path = Write(VtrBytes({.x = {0, 1, 2, 4}}));
   EXPECT_THAT(OpenVolumeFile(path + ":p"), StatusIs(kInvalid, HasSubstr("axis \"x\" is not even")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto p, OpenVolumeFile(path + ":p", "", {.resamples = true}));
-  EXPECT_EQ(p->geometry().sample_dims, (math::Index3{5, 3, 2}));
+  EXPECT_EQ(p->info().geometry.sample_dims, (math::Index3{5, 3, 2}));
   const std::vector<double> values = Values(*p);
   EXPECT_THAT(std::vector<double>(values.begin(), values.begin() + 5),
               ElementsAre(0, 1, 2, 2.5, 3));

@@ -65,8 +65,8 @@ TEST_F(AdjustedSourceTest, BoxesAndStridesKeepPositionsAndValues) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part,
                                     AdjustSource(Open<std::int16_t>(volume::ScalarType::kInt16),
                                                  {.crop = box, .stride = stride}));
-      const math::Index3 dims = part->geometry().sample_dims;
-      EXPECT_EQ(part->scalar_type(), volume::ScalarType::kInt16);
+      const math::Index3 dims = part->info().geometry.sample_dims;
+      EXPECT_EQ(part->info().type, volume::ScalarType::kInt16);
       for (const std::int64_t planes : {1, 2, 6}) {
         const auto values = ValuesOf<std::int16_t>(ReadAll(*part, planes).value());
         std::size_t at = 0;
@@ -80,7 +80,7 @@ TEST_F(AdjustedSourceTest, BoxesAndStridesKeepPositionsAndValues) {
         }
         EXPECT_EQ(at, values.size());
       }
-      const math::Mat4d to_world = part->geometry().world_from_index();
+      const math::Mat4d to_world = part->info().geometry.world_from_index();
       const math::Vec3d last = math::TransformPoint(
           to_world, {static_cast<double>(dims.x - 1), static_cast<double>(dims.y - 1),
                      static_cast<double>(dims.z - 1)});
@@ -95,14 +95,14 @@ TEST_F(AdjustedSourceTest, BoxesAndStridesKeepPositionsAndValues) {
 TEST_F(AdjustedSourceTest, FillValuesBecomeNaN) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto part, AdjustSource(Open<std::int16_t>(volume::ScalarType::kInt16), {.fill = 73}));
-  ASSERT_EQ(part->scalar_type(), volume::ScalarType::kFloat32);
+  ASSERT_EQ(part->info().type, volume::ScalarType::kFloat32);
   const auto values = ValuesOf<float>(ReadAll(*part, 1).value());
   for (std::size_t i = 0; i < values.size(); ++i) {
     ASSERT_TRUE(i == 73 ? std::isnan(values[i]) : values[i] == static_cast<float>(i)) << i;
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto wide, AdjustSource(Open<std::int32_t>(volume::ScalarType::kInt32), {.fill = 0.5}));
-  EXPECT_EQ(wide->scalar_type(), volume::ScalarType::kFloat64);
+  EXPECT_EQ(wide->info().type, volume::ScalarType::kFloat64);
   EXPECT_EQ(ValuesOf<double>(ReadAll(*wide, 1).value())[0], 0);  // 0 is not 0.5
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto real, AdjustSource(Open<float>(volume::ScalarType::kFloat32), {.fill = 5}));
@@ -117,11 +117,11 @@ TEST_F(AdjustedSourceTest, ShearIsIgnoredBeforeTheBoxIsCut) {
   Open<std::int16_t>(volume::ScalarType::kInt16);  // writes a.raw
   const auto open = [&] { return OpenVolumeFile(dir_.Sub("tilted.nhdr")).value(); };
   ASSERT_TRUE(
-      FindShear(open()->geometry().direction).has_value());  // a tilted grid is drawn as it is
+      FindShear(open()->info().geometry.direction).has_value());  // a tilted grid is drawn as it is
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto straight,
       AdjustSource(open(), {.crop = SampleBox{{1, 2, 3}, {5, 7, 6}}, .ignores_shear = true}));
-  const volume::GridGeometry& grid = straight->geometry();
+  const volume::GridGeometry& grid = straight->info().geometry;
   EXPECT_FALSE(FindShear(grid.direction).has_value());
   EXPECT_LT(math::Length(grid.spacing - math::Vec3d{2, 2, 3}), 1e-14);
   // The axes meet at 53.13 degrees, so each turns by 18.43: cos is 3 and sin 1 of the root of 10.
@@ -129,15 +129,15 @@ TEST_F(AdjustedSourceTest, ShearIsIgnoredBeforeTheBoxIsCut) {
   EXPECT_LT(math::Length(grid.origin - math::Vec3d{1 + 1 * 6 / root + 2 * 2 / root,
                                                    2 - 1 * 2 / root + 2 * 6 / root, 3 + 9}),
             1e-12);
-  EXPECT_THAT(straight->note(), HasSubstr("axes x and y, which meet at 53.13 degrees"));
+  EXPECT_THAT(straight->info().note, HasSubstr("axes x and y, which meet at 53.13 degrees"));
   EXPECT_EQ(ValuesOf<std::int16_t>(ReadAll(*straight, 1).value())[0],
             ValueAt<std::int16_t>(1, 2, 3));
   // Straight grids stay as they are, bit for bit.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto same,
       AdjustSource(Open<std::int16_t>(volume::ScalarType::kInt16), {.ignores_shear = true}));
-  EXPECT_EQ(same->geometry(), Open<std::int16_t>(volume::ScalarType::kInt16)->geometry());
-  EXPECT_EQ(same->note(), "");
+  EXPECT_EQ(same->info().geometry, Open<std::int16_t>(volume::ScalarType::kInt16)->info().geometry);
+  EXPECT_EQ(same->info().note, "");
 }
 
 TEST_F(AdjustedSourceTest, WhatDoesNotFitIsRefused) {

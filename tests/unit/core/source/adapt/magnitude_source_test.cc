@@ -45,9 +45,9 @@ volume::GridGeometry Grid(const math::Index3& dims) {
 }
 
 std::string ReadAll(VolumeSource* source) {
-  const math::Index3& dims = source->geometry().sample_dims;
+  const math::Index3& dims = source->info().geometry.sample_dims;
   std::string out(
-      static_cast<std::size_t>(math::Volume(dims)) * volume::SizeOf(source->scalar_type()), '\0');
+      static_cast<std::size_t>(math::Volume(dims)) * volume::SizeOf(source->info().type), '\0');
   EXPECT_TRUE(source->ReadSlab(0, dims.z, out.data()).ok());
   return out;
 }
@@ -99,7 +99,7 @@ TEST(MagnitudeSourceTest, MixedTypesInAnyRunOfRows) {
   components.push_back(TestVolume(a, dims, ScalarType::kInt16));
   components.push_back(TestVolume(b, dims, ScalarType::kUint32));
   const auto source = MakeMagnitudeSource(std::move(components));
-  ASSERT_EQ(source->scalar_type(), ScalarType::kFloat64);
+  ASSERT_EQ(source->info().type, ScalarType::kFloat64);
   std::vector<double> expected;
   for (std::size_t i = 0; i < 60; ++i) {
     const double first = ValuesOf<std::int16_t>(a)[i];
@@ -127,7 +127,7 @@ TEST(MagnitudeSourceTest, LargeReadsAreDoneInPortions) {
   for (std::size_t i = 0; i < values.size(); ++i) {
     ASSERT_EQ(lengths[i], std::abs(static_cast<float>(values[i]))) << i;
   }
-  EXPECT_LE(source->memory_bytes(), std::int64_t{256} * 1024 * 16);
+  EXPECT_LE(source->info().memory_bytes, std::int64_t{256} * 1024 * 16);
 }
 
 }  // namespace

@@ -76,7 +76,7 @@ TEST(PiecesSourceTest, EveryRunOfRowsIsPutTogetherFromAnyPieces) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto gap, FindGap(kDims, pieces));
       ASSERT_FALSE(gap.has_value());
       const auto source = MakePiecesSource(
-          Grid(kDims), ScalarType::kInt16, "v", pieces, 0,
+          {.name = "v", .geometry = Grid(kDims), .type = ScalarType::kInt16}, pieces, 0,
           [&](std::size_t i) -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
             math::Index3 dims;
             for (int axis = 0; axis < 3; ++axis) {
@@ -101,21 +101,21 @@ TEST(PiecesSourceTest, FirstOfOverlappingPiecesCounts) {
   std::vector<SamplePiece> pieces(2);
   pieces[0] = {.begin = {0, 0, 0}, .end = {2, 2, 2}, .first = {0, 0, 0}};
   pieces[1] = {.begin = {1, 0, 0}, .end = {3, 2, 2}, .first = {1, 0, 0}};
-  const auto source =
-      MakePiecesSource(Grid({3, 2, 2}), ScalarType::kUint8, "v", pieces, 100,
-                       [](std::size_t i) -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
-                         return testing::MakeMemorySource(Grid({2, 2, 2}), ScalarType::kUint8,
-                                                          std::string(8, i == 0 ? 'a' : 'b'), "p");
-                       });
+  const auto source = MakePiecesSource(
+      {.name = "v", .geometry = Grid({3, 2, 2}), .type = ScalarType::kUint8}, pieces, 100,
+      [](std::size_t i) -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
+        return testing::MakeMemorySource(Grid({2, 2, 2}), ScalarType::kUint8,
+                                         std::string(8, i == 0 ? 'a' : 'b'), "p");
+      });
   std::string rows(12, '\0');
   ISOSCOPE_ASSERT_OK(source->ReadRows(0, 4, rows.data()));
   EXPECT_EQ(rows, "aabaabaabaab");
-  EXPECT_GE(source->memory_bytes(), 200);
+  EXPECT_GE(source->info().memory_bytes, 200);
 }
 
 TEST(PiecesSourceTest, ErrorOfAPieceIsPassedOn) {
   const auto source =
-      MakePiecesSource(Grid({2, 2, 2}), ScalarType::kUint8, "v",
+      MakePiecesSource({.name = "v", .geometry = Grid({2, 2, 2}), .type = ScalarType::kUint8},
                        {{.begin = {0, 0, 0}, .end = {2, 2, 2}, .first = {0, 0, 0}}}, 0,
                        [](std::size_t) -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
                          return absl::NotFoundError("gone");

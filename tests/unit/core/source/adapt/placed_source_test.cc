@@ -39,22 +39,22 @@ std::unique_ptr<VolumeSource> File(const volume::GridGeometry& geometry = {.samp
 TEST(PlacedSourceTest, EachOfTheThreeTakesThePlaceOfTheFilesAlone) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto spaced,
                                 PlaceSource(File(), {.spacing = math::Vec3d{1, 1, 4}}));
-  EXPECT_EQ(spaced->geometry().spacing, (math::Vec3d{1, 1, 4}));
-  EXPECT_EQ(spaced->geometry().origin, (math::Vec3d{10, 20, 30}));
-  EXPECT_EQ(spaced->geometry().direction, math::Mat3d());
-  EXPECT_EQ(spaced->note(),
+  EXPECT_EQ(spaced->info().geometry.spacing, (math::Vec3d{1, 1, 4}));
+  EXPECT_EQ(spaced->info().geometry.origin, (math::Vec3d{10, 20, 30}));
+  EXPECT_EQ(spaced->info().geometry.direction, math::Mat3d());
+  EXPECT_EQ(spaced->info().note,
             "the grid is not that of the file: spacing 1, 1, 4 in place of 1, 2, 3");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto moved,
                                 PlaceSource(File(), {.origin = math::Vec3d{-1, 0, 0.5}}));
-  EXPECT_EQ(moved->geometry().origin, (math::Vec3d{-1, 0, 0.5}));
-  EXPECT_EQ(moved->geometry().spacing, (math::Vec3d{1, 2, 3}));
-  EXPECT_THAT(moved->note(), HasSubstr("origin -1, 0, 0.5 in place of 10, 20, 30"));
+  EXPECT_EQ(moved->info().geometry.origin, (math::Vec3d{-1, 0, 0.5}));
+  EXPECT_EQ(moved->info().geometry.spacing, (math::Vec3d{1, 2, 3}));
+  EXPECT_THAT(moved->info().note, HasSubstr("origin -1, 0, 0.5 in place of 10, 20, 30"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto turned, PlaceSource(File(), {.direction = kTurned}));
-  EXPECT_EQ(turned->geometry().direction, kTurned);
-  EXPECT_EQ(math::TransformPoint(turned->geometry().world_from_index(), {1, 0, 0}),
+  EXPECT_EQ(turned->info().geometry.direction, kTurned);
+  EXPECT_EQ(math::TransformPoint(turned->info().geometry.world_from_index(), {1, 0, 0}),
             (math::Vec3d{10, 21, 30}))
       << "the first column is the direction of x";
-  EXPECT_THAT(turned->note(), HasSubstr("direction 0, -1, 0; 1, 0, 0; 0, 0, 1 in place of"));
+  EXPECT_THAT(turned->info().note, HasSubstr("direction 0, -1, 0; 1, 0, 0; 0, 0, 1 in place of"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*turned, 1));
   EXPECT_TRUE(samples == Noise(kDims, volume::ScalarType::kUint8));
 }
@@ -64,7 +64,7 @@ TEST(PlacedSourceTest, WithoutAnOverrideTheSourceIsTheSame) {
   const VolumeSource* const before = file.get();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto after, PlaceSource(std::move(file), {}));
   EXPECT_EQ(after.get(), before);
-  EXPECT_EQ(after->note(), "");
+  EXPECT_EQ(after->info().note, "");
 }
 
 TEST(PlacedSourceTest, NumbersThatMakeNoGridAreRefusedByName) {
@@ -106,7 +106,7 @@ TEST(PlacedSourceTest, AShearedFileMayGetRightAngles) {
   sheared.direction.columns[1] = {0.5, 0.8, 0};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto placed,
                                 PlaceSource(File(sheared), {.direction = kTurned}));
-  EXPECT_EQ(placed->geometry().direction, kTurned);
+  EXPECT_EQ(placed->info().geometry.direction, kTurned);
 }
 
 TEST(PlacedSourceTest, DistancesOfAResampledSourceAreTheFiles) {
@@ -118,8 +118,9 @@ TEST(PlacedSourceTest, DistancesOfAResampledSourceAreTheFiles) {
       resampled, ResampleSource(File(), AxisDistances{{{}, {0, 1, 3}, {}}}, std::nullopt));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto placed, PlaceSource(std::move(resampled), {.origin = math::Vec3d{1, 2, 3}}));
-  EXPECT_TRUE(placed->is_resampled());
-  EXPECT_THAT(placed->note(), AllOf(HasSubstr("axis y was resampled"), HasSubstr("; the grid is")));
+  EXPECT_TRUE(placed->info().is_resampled);
+  EXPECT_THAT(placed->info().note,
+              AllOf(HasSubstr("axis y was resampled"), HasSubstr("; the grid is")));
 }
 
 TEST(PlacedSourceTest, EachVolumeOfASeriesIsPlaced) {
@@ -131,11 +132,11 @@ TEST(PlacedSourceTest, EachVolumeOfASeriesIsPlaced) {
                                   {.spacing = math::Vec3d{7, 8, 9}});
   for (int i = 0; i < 2; ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, series->Open(0, 0, 0));
-    EXPECT_EQ(volume->geometry().spacing, (math::Vec3d{7, 8, 9}));
+    EXPECT_EQ(volume->info().geometry.spacing, (math::Vec3d{7, 8, 9}));
   }
-  EXPECT_EQ(series->name(), "scan.tif");
-  EXPECT_EQ(series->fields()[0].name, "scan");
-  EXPECT_EQ(series->length_unit(), "mm");
+  EXPECT_EQ(series->info().name, "scan.tif");
+  EXPECT_EQ(series->info().fields[0].name, "scan");
+  EXPECT_EQ(series->info().length_unit, "mm");
 }
 
 }  // namespace

@@ -63,13 +63,14 @@ TEST_F(ResampledSourceTest, LinearFieldsStayWhatTheyAreInAnyOrderOfRows) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto even,
       ResampleSource(Open(Linear<std::int16_t>(), volume::ScalarType::kInt16), {kX, kY, kZ}, {}));
-  ASSERT_EQ(even->geometry().sample_dims, (math::Index3{6, 5, 7}));
-  EXPECT_EQ(even->geometry().spacing, (math::Vec3d{1, 1, 1}));
-  EXPECT_EQ(even->geometry().origin, (math::Vec3d{10, 20, 30}));
-  EXPECT_EQ(even->scalar_type(), volume::ScalarType::kFloat32);
-  EXPECT_TRUE(even->is_resampled());
-  EXPECT_THAT(even->note(), HasSubstr("axis x was resampled: 4 samples, 1 to 3 apart, became 6, 1 "
-                                      "apart; axis y was"));
+  ASSERT_EQ(even->info().geometry.sample_dims, (math::Index3{6, 5, 7}));
+  EXPECT_EQ(even->info().geometry.spacing, (math::Vec3d{1, 1, 1}));
+  EXPECT_EQ(even->info().geometry.origin, (math::Vec3d{10, 20, 30}));
+  EXPECT_EQ(even->info().type, volume::ScalarType::kFloat32);
+  EXPECT_TRUE(even->info().is_resampled);
+  EXPECT_THAT(even->info().note,
+              HasSubstr("axis x was resampled: 4 samples, 1 to 3 apart, became 6, 1 "
+                        "apart; axis y was"));
   for (const std::int64_t planes : {1, 3, 7}) {
     const auto values = ValuesOf<float>(ReadAll(*even, planes).value());
     ASSERT_EQ(values.size(), 6U * 5 * 7);
@@ -93,14 +94,15 @@ TEST_F(ResampledSourceTest, OneAxisLeavesTheOthersAlone) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto even,
       ResampleSource(Open(Linear<std::int32_t>(), volume::ScalarType::kInt32), {{{}, {}, kZ}}, {}));
-  EXPECT_EQ(even->geometry().sample_dims, (math::Index3{4, 3, 7}));
-  EXPECT_EQ(even->geometry().spacing, (math::Vec3d{0.5, 1, 1}));
-  EXPECT_EQ(even->scalar_type(), volume::ScalarType::kFloat64);
+  EXPECT_EQ(even->info().geometry.sample_dims, (math::Index3{4, 3, 7}));
+  EXPECT_EQ(even->info().geometry.spacing, (math::Vec3d{0.5, 1, 1}));
+  EXPECT_EQ(even->info().type, volume::ScalarType::kFloat64);
   const auto values = ValuesOf<double>(ReadAll(*even, 2).value());
   EXPECT_EQ(values[3 * 12 + 11], 5 + 40 + 300);  // a slice of the source, with its own places in x
   EXPECT_EQ(values[1 * 12 + 11], 5 + 40 + 100);
-  EXPECT_EQ(even->memory_bytes(),
-            2 * 12 * 4 + Open(Linear<std::int32_t>(), volume::ScalarType::kInt32)->memory_bytes());
+  EXPECT_EQ(
+      even->info().memory_bytes,
+      2 * 12 * 4 + Open(Linear<std::int32_t>(), volume::ScalarType::kInt32)->info().memory_bytes);
 }
 
 TEST_F(ResampledSourceTest, SamplesOfTheSourceAreTakenAsTheyAre) {
@@ -171,9 +173,9 @@ TEST_F(ResampledSourceTest, EvenSourcesStayAsTheyAre) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto same,
       ResampleSource(Open(Linear<std::int16_t>(), volume::ScalarType::kInt16), {}, 7.0));
-  EXPECT_EQ(same->scalar_type(), volume::ScalarType::kInt16);
-  EXPECT_FALSE(same->is_resampled());
-  EXPECT_EQ(same->note(), "");
+  EXPECT_EQ(same->info().type, volume::ScalarType::kInt16);
+  EXPECT_FALSE(same->info().is_resampled);
+  EXPECT_EQ(same->info().note, "");
 }
 
 }  // namespace

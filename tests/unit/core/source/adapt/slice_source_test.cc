@@ -46,9 +46,10 @@ TEST(SliceSourceTest, EveryRunOfRowsIsRightAndASliceInPartsIsDecodedOnce) {
   volume::GridGeometry geometry;
   geometry.sample_dims = kDims;
   std::vector<std::int64_t> reads;
-  const auto source = MakeSliceSource(geometry, volume::ScalarType::kInt16, "fake",
-                                      std::make_unique<FakeReader>(samples, &reads));
-  EXPECT_EQ(source->memory_bytes(), 1000 + 2 * 7 * static_cast<std::int64_t>(kRowBytes));
+  const auto source =
+      MakeSliceSource({.name = "fake", .geometry = geometry, .type = volume::ScalarType::kInt16},
+                      std::make_unique<FakeReader>(samples, &reads));
+  EXPECT_EQ(source->info().memory_bytes, 1000 + 2 * 7 * static_cast<std::int64_t>(kRowBytes));
   for (std::int64_t begin = 0; begin < 28; ++begin) {
     for (std::int64_t end = begin + 1; end <= 28; ++end) {
       std::string rows(static_cast<std::size_t>(end - begin) * kRowBytes, '\0');
@@ -69,8 +70,9 @@ TEST(SliceSourceTest, SliceThatFailedIsNotTakenForHeld) {
   geometry.sample_dims = kDims;
   std::vector<std::int64_t> reads;
   const std::string samples = Noise(kDims, volume::ScalarType::kInt16);
-  const auto source = MakeSliceSource(geometry, volume::ScalarType::kInt16, "fake",
-                                      std::make_unique<FakeReader>(samples, &reads));
+  const auto source =
+      MakeSliceSource({.name = "fake", .geometry = geometry, .type = volume::ScalarType::kInt16},
+                      std::make_unique<FakeReader>(samples, &reads));
   std::string row(kRowBytes, '\0');
   EXPECT_THAT(source->ReadRows(27, 28, row.data()), StatusIs(absl::StatusCode::kDataLoss, _));
   ISOSCOPE_ASSERT_OK(source->ReadRows(27, 28, row.data()));

@@ -123,19 +123,13 @@ TEST(FindValueRangeTest, StopsWhenItIsCancelledAndReportsWhatCantBeRead) {
 
   class Broken final : public VolumeSource {
    public:
-    Broken() : geometry_(GeometryOf({2, 2, 2})) {}
-    [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-    [[nodiscard]] volume::ScalarType scalar_type() const override {
-      return volume::ScalarType::kUint8;
-    }
-    [[nodiscard]] const std::string& name() const override { return name_; }
+    Broken()
+        : VolumeSource({.name = "broken",
+                        .geometry = GeometryOf({2, 2, 2}),
+                        .type = volume::ScalarType::kUint8}) {}
     absl::Status ReadRows(std::int64_t /*begin*/, std::int64_t /*end*/, char* /*out*/) override {
       return absl::DataLossError("broken: row 1");
     }
-
-   private:
-    volume::GridGeometry geometry_;
-    std::string name_ = "broken";
   };
   Broken broken;
   EXPECT_THAT(FindValueRange(&broken, nullptr, base::Cancellation()).status(),

@@ -47,7 +47,7 @@ TEST(WideSourceTest, IntegersUpTo53BitsAreExact) {
   const std::vector<std::int64_t> values{0,          -1,         kLimit, -kLimit,
                                          kLimit - 1, 1 - kLimit, 7,      1LL << 40};
   const auto source = Wide(values, WideType::kInt64);
-  EXPECT_EQ(source->scalar_type(), volume::ScalarType::kFloat64);
+  EXPECT_EQ(source->info().type, volume::ScalarType::kFloat64);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 1));
   EXPECT_EQ(ValuesOf<double>(read), std::vector<double>(values.begin(), values.end()));
   const auto natural =
@@ -77,7 +77,7 @@ TEST(WideSourceTest, EveryHalfIsItsFloat) {
     halves[i] = static_cast<std::uint16_t>(i);
   }
   const auto source = Wide(halves, WideType::kFloat16);
-  EXPECT_EQ(source->scalar_type(), volume::ScalarType::kFloat32);
+  EXPECT_EQ(source->info().type, volume::ScalarType::kFloat32);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 100));
   const std::vector<float> floats = ValuesOf<float>(read);
   for (std::size_t i = 0; i < halves.size(); ++i) {

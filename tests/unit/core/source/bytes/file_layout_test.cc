@@ -44,8 +44,8 @@ class FileLayoutTest : public ::testing::Test {
 TEST_F(FileLayoutTest, FieldsThenStepsWithTheirTimes) {
   layout_.times = {3, 7};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, MakeLayoutSeries("a", "unused", layout_));
-  EXPECT_EQ(series->fields()[1].name, "q");
-  EXPECT_THAT(series->times(), ElementsAre(3, 7));
+  EXPECT_EQ(series->info().fields[1].name, "q");
+  EXPECT_THAT(series->info().times, ElementsAre(3, 7));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(1, 0, 1));
   EXPECT_EQ(ValuesOf<std::int16_t>(ReadAll(*source, 1).value())[0], 24);
 }
@@ -54,7 +54,7 @@ TEST_F(FileLayoutTest, OneScaledVolumeMakesAllFloat) {
   layout_.rescalings = {{}, {}, {.slope = 0.5}, {}};
   for (const int volume : {0, 2}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenLayoutVolume(layout_, volume, "a"));
-    ASSERT_EQ(source->scalar_type(), volume::ScalarType::kFloat32);
+    ASSERT_EQ(source->info().type, volume::ScalarType::kFloat32);
     EXPECT_EQ(ValuesOf<float>(ReadAll(*source, 2).value())[1], volume == 0 ? 1 : 8.5F);
   }
 }

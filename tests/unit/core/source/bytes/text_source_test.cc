@@ -74,7 +74,7 @@ TEST_F(TextSourceTest, ReadsNumbersInAnyOrderOfRows) {
   EXPECT_EQ(values[7], 0);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string again, ReadAll(*source, 2));
   EXPECT_EQ(again, bytes);
-  EXPECT_FALSE(source->is_seekable());
+  EXPECT_FALSE(source->info().is_seekable);
 }
 
 TEST_F(TextSourceTest, PicksOneComponentOfTuples) {

@@ -40,21 +40,20 @@ constexpr WalledLibrary kLibrary = {
     .name = "Lib", .open = Open, .find_files = nullptr, .describe = Describe};
 
 TEST(WalledSeriesTest, TextsGoThereAndBack) {
-  WalledFile file{.times = {0.1, 2}, .time_unit = "s", .length_unit = "m"};
-  file.fields.push_back({.field = {.name = "p", .long_name = "pressure", .unit = "Pa"}});
-  file.fields.push_back({.field = {.name = "v", .components = {"x", "y"}}, .number = 7});
+  WalledFile file{.info = {.name = "",
+                           .fields_elsewhere = {"w"},
+                           .times = {0.1, 2},
+                           .time_unit = "s",
+                           .length_unit = "m"}};
+  file.Add({.name = "p", .long_name = "pressure", .unit = "Pa"}, 0);
+  file.Add({.name = "v", .components = {"x", "y"}}, 7);
   std::string path;
   for (const std::string& text : WalledTexts(file)) {
     absl::StrAppend(&path, path.empty() ? "" : "|", text);
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenWalledSeries(kLibrary, path, ""));
-  EXPECT_THAT(series->times(), ElementsAre(0.1, 2));
-  EXPECT_EQ(series->time_unit(), "s");
-  EXPECT_EQ(series->length_unit(), "m");
-  EXPECT_EQ(series->fields()[0].long_name, "pressure");
-  EXPECT_EQ(series->fields()[0].unit, "Pa");
-  EXPECT_THAT(series->fields()[0].components, ElementsAre(""));
-  EXPECT_THAT(series->fields()[1].components, ElementsAre("x", "y"));
+  file.info.name = path;
+  EXPECT_TRUE(series->info() == file.info);
   EXPECT_THAT(series->Open(1, 1, 1), StatusIs(absl::StatusCode::kNotFound, HasSubstr("7.1.1")));
 }
 
@@ -62,7 +61,7 @@ TEST(WalledSeriesTest, NothingIsTakenForGranted) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, OpenWalledSeries(kLibrary, "none", ""));
   EXPECT_EQ(none, nullptr);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto part, OpenWalledSeries(kLibrary, "field=p", "Pa"));
-  EXPECT_EQ(part->fields()[0].unit, "Pa");
+  EXPECT_EQ(part->info().fields[0].unit, "Pa");
   for (const char* texts :
        {"times=", "times=1 0|field=p", "times=nan|field=p", "times=x|field=p", "unit=m",
         "field=", "field=p|field=p", "field=p|number=-1", "field=p|number=x", "field=p|component=x",

@@ -29,25 +29,12 @@ using ::testing::HasSubstr;
 // Rows that hold their own indices. The path selects the fault.
 class FakeSource final : public VolumeSource {
  public:
-  explicit FakeSource(std::string path) : path_(std::move(path)) {
-    geometry_.sample_dims = {1 << 20, 5, 7};  // rows of 1 MiB
-    geometry_.spacing = {1, 2, 3};
-    if (path_ == "lies") {
-      geometry_.sample_dims.y = -1;
-    }
-  }
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override {
-    return volume::ScalarType::kUint8;
-  }
-  [[nodiscard]] const std::string& name() const override { return path_; }
-  [[nodiscard]] bool is_seekable() const override { return false; }
-  [[nodiscard]] std::int64_t memory_bytes() const override { return 1000; }
+  explicit FakeSource(const std::string& path) : VolumeSource(InfoOf(path)) {}
   absl::Status ReadRows(std::int64_t begin, std::int64_t end, char* out) override {
-    if (path_ == "dies later" && begin > 0) {
+    if (info().name == "dies later" && begin > 0) {
       std::raise(SIGSEGV);
     }
-    if (path_ == "fails once" && !std::exchange(has_failed_, true)) {
+    if (info().name == "fails once" && !std::exchange(has_failed_, true)) {
       return absl::DataLossError("fails once: row 0 is damaged");
     }
     for (std::int64_t row = begin; row < end; ++row) {
@@ -57,8 +44,13 @@ class FakeSource final : public VolumeSource {
   }
 
  private:
-  const std::string path_;
-  volume::GridGeometry geometry_;
+  static SourceInfo InfoOf(const std::string& path) {
+    SourceInfo info{.name = path, .is_seekable = false, .memory_bytes = 1000};
+    info.geometry.sample_dims = {1 << 20, path == "lies" ? -1 : 5, 7};  // rows of 1 MiB
+    info.geometry.spacing = {1, 2, 3};
+    return info;
+  }
+
   bool has_failed_ = false;
 };
 
@@ -93,11 +85,11 @@ constexpr WalledLibrary kLibrary = {
 
 TEST(WalledSourceTest, WhatTheLibraryReadsComesThrough) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenWalled(kLibrary, "good"));
-  EXPECT_EQ(source->geometry(), FakeSource("good").geometry());
-  EXPECT_EQ(source->scalar_type(), volume::ScalarType::kUint8);
-  EXPECT_EQ(source->name(), "good");
-  EXPECT_FALSE(source->is_seekable());
-  EXPECT_GE(source->memory_bytes(), 1000);
+  EXPECT_EQ(source->info().geometry, FakeSource("good").info().geometry);
+  EXPECT_EQ(source->info().type, volume::ScalarType::kUint8);
+  EXPECT_EQ(source->info().name, "good");
+  EXPECT_FALSE(source->info().is_seekable);
+  EXPECT_GE(source->info().memory_bytes, 1000);
   // Parts of planes, whole planes, and more than is shared at a time.
   for (const auto& [begin, end] : {std::pair{0, 1}, {3, 4}, {3, 22}, {0, 35}, {34, 35}}) {
     std::vector<char> rows(static_cast<std::size_t>(end - begin) << 20);
@@ -115,7 +107,7 @@ TEST(WalledSourceTest, WhatTheLibraryReadsComesThrough) {
 
 TEST(WalledSourceTest, PartsArePassedOnAndDescribed) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenWalled(kLibrary, "good", ":3"));
-  EXPECT_EQ(source->name(), "good:3");
+  EXPECT_EQ(source->info().name, "good:3");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto texts, DescribeWalled(kLibrary, "good", "7"));
   EXPECT_THAT(texts, ElementsAre("good", "part ?7"));
   EXPECT_THAT(DescribeWalled(kLibrary, "good", std::string(300, 'p')),

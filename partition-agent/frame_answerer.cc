@@ -8,7 +8,7 @@
 //
 // Invariant: the reservation lives until the bands are queued, or the coordinator has the image.
 
-#include "partition-agent/frame_steps.h"
+#include "partition-agent/frame_answerer.h"
 
 #include <cstddef>
 #include <string>
@@ -69,7 +69,7 @@ absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
 
 }  // namespace
 
-absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
+absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   in_work_.emplace(agent_.options.memory->frames());
   ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
@@ -84,8 +84,8 @@ absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
   block_count_ = shards.front()->reader->layout().block_count();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
   Shards volumes = shards;
-  for (const Shards& of_surface : color_shards) {
-    volumes.insert(volumes.end(), of_surface.begin(), of_surface.end());
+  for (const Shards& surface_shards : color_shards) {
+    volumes.insert(volumes.end(), surface_shards.begin(), surface_shards.end());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       pipeline_, FramePipeline::Make(std::move(shards), task_, agent_.Resources(trace_.recorder()),
@@ -101,7 +101,7 @@ absl::Status FrameSteps::Begin(const v1::BeginFrame& begin) {
 }
 
 // Finds the shards of the volumes that colour surfaces, by surface.
-absl::StatusOr<std::vector<Shards>> FrameSteps::FindColors(const v1::BeginFrame& begin) const {
+absl::StatusOr<std::vector<Shards>> FrameAnswerer::FindColors(const v1::BeginFrame& begin) const {
   const std::vector<frame::Surface>& surfaces = task_.spec.surfaces;
   const auto count = static_cast<std::size_t>(begin.color_dataset_ids_size());
   if (count != 0 && count != surfaces.size()) {
@@ -125,7 +125,7 @@ absl::StatusOr<std::vector<Shards>> FrameSteps::FindColors(const v1::BeginFrame&
   return found;
 }
 
-absl::StatusOr<FrameSteps::Response> FrameSteps::SelectOccluders() {
+absl::StatusOr<FrameAnswerer::Response> FrameAnswerer::SelectOccluders() {
   std::optional<base::OneThreadScope> alone;
   EnterOneThread(&alone);
   base::ScopedObservation select(&agent_.metrics.select_occluders);
@@ -137,7 +137,8 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::SelectOccluders() {
   return answer;
 }
 
-absl::StatusOr<FrameSteps::Response> FrameSteps::RenderOccluders(const v1::Occluders& occluders) {
+absl::StatusOr<FrameAnswerer::Response> FrameAnswerer::RenderOccluders(
+    const v1::Occluders& occluders) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> blocks,
       wire::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
@@ -151,7 +152,8 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::RenderOccluders(const v1::Occlu
   return answer;
 }
 
-absl::StatusOr<FrameSteps::Response> FrameSteps::RenderVisible(const v1::VisibleBlocks& visible) {
+absl::StatusOr<FrameAnswerer::Response> FrameAnswerer::RenderVisible(
+    const v1::VisibleBlocks& visible) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> blocks,
       wire::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
@@ -164,14 +166,14 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::RenderVisible(const v1::Visible
   }));
 }
 
-absl::StatusOr<FrameSteps::Response> FrameSteps::RenderAll() {
+absl::StatusOr<FrameAnswerer::Response> FrameAnswerer::RenderAll() {
   return WithStatistics(
       Draw(&agent_.metrics.render_visible, [&] { return pipeline_->RenderAll(); }));
 }
 
 // Enters `scope` if this step shall use one thread. Then other steps use the rest, if they have
 // room.
-void FrameSteps::EnterOneThread(std::optional<base::OneThreadScope>* scope) const {
+void FrameAnswerer::EnterOneThread(std::optional<base::OneThreadScope>* scope) const {
   if (agent_.options.one_thread_a_step &&
       agent_.options.memory->RoomFor(DrawnViewport(), DrawnLayers()) >=
           static_cast<std::size_t>(agent_.options.arena->max_concurrency())) {
@@ -180,25 +182,25 @@ void FrameSteps::EnterOneThread(std::optional<base::OneThreadScope>* scope) cons
 }
 
 // Returns the viewport that a step draws. OpenGL draws a region into a picture of the whole.
-view::Viewport FrameSteps::DrawnViewport() const {
+view::Viewport FrameAnswerer::DrawnViewport() const {
   const bool draws_whole =
       frame::DrawnBy(task_.spec, agent_.options.renderer->picture_revision().back_end) ==
       frame::BackEnd::kEgl;
   return draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec);
 }
 
-int FrameSteps::DrawnLayers() const {
+int FrameAnswerer::DrawnLayers() const {
   return frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0;
 }
 
 // Reserves the memory of one step: its image, and its bands until they are queued.
-absl::StatusOr<base::MemoryBudget::Reservation> FrameSteps::ReserveMemory() {
+absl::StatusOr<base::MemoryBudget::Reservation> FrameAnswerer::ReserveMemory() {
   const base::TraceScope trace(trace_.recorder(), "memory");
   const base::ScopedObservation wait(&agent_.metrics.memory_wait);
   return agent_.options.memory->ReserveStep(DrawnViewport(), cancellation_, DrawnLayers());
 }
 
-absl::StatusOr<FrameSteps::Response> FrameSteps::Draw(
+absl::StatusOr<FrameAnswerer::Response> FrameAnswerer::Draw(
     base::DurationHistogram* duration,
     absl::FunctionRef<absl::StatusOr<image::FrameImage>()> draw) {
   std::optional<base::OneThreadScope> alone;
@@ -215,8 +217,8 @@ absl::StatusOr<FrameSteps::Response> FrameSteps::Draw(
 // Puts the pixels of a step into the mailbox, or sends the bands of the image, except the last
 // ones. Those go into `last`, the message that ends the step, because a message costs more than its
 // bytes.
-absl::Status FrameSteps::AddPixels(image::FrameImage image,
-                                   base::MemoryBudget::Reservation reserved, Response* last) {
+absl::Status FrameAnswerer::AddPixels(image::FrameImage image,
+                                      base::MemoryBudget::Reservation reserved, Response* last) {
   if (mailbox_ > 0) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     // It keeps its whole reservation: with more images under way each is colder in the caches. A
@@ -245,7 +247,7 @@ absl::Status FrameSteps::AddPixels(image::FrameImage image,
   return absl::OkStatus();
 }
 
-absl::StatusOr<FrameSteps::Response> FrameSteps::WithStatistics(
+absl::StatusOr<FrameAnswerer::Response> FrameAnswerer::WithStatistics(
     absl::StatusOr<Response> last) const {
   if (last.ok()) {
     isoscope::v1::AgentStatistics* proto = last->mutable_frame_done()->mutable_statistics();

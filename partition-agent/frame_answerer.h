@@ -1,8 +1,8 @@
-// The steps of one frame on an agent: messages of the coordinator in, answers of the agent out. It
-// checks the messages, reserves memory, and encodes pixels; FramePipeline computes. No gRPC.
+// Answers the messages of one frame on an agent, step by step: it checks them, reserves memory, and
+// encodes pixels; FramePipeline computes. No gRPC.
 
-#ifndef ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
-#define ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
+#ifndef ISOSCOPE_PARTITION_AGENT_FRAME_ANSWERER_H_
+#define ISOSCOPE_PARTITION_AGENT_FRAME_ANSWERER_H_
 
 #include <cstdint>
 #include <functional>
@@ -33,14 +33,14 @@ namespace isoscope::agent {
 // the message that ends it, with as many bands as fit. Earlier bands go to `send`. Errors:
 // INVALID_ARGUMENT if a message is malformed; the error of `send`; errors of FramePipeline and
 // AgentMemory::ReserveStep. May throw std::bad_alloc. Blocks.
-class FrameSteps {
+class FrameAnswerer {
  public:
   using Response = isoscope::internal::v1::RenderFrameResponse;
   using Send = std::function<absl::Status(Response)>;
 
   // The arguments outlive it.
-  FrameSteps(AgentContext* agent, const base::Cancellation* cancellation, FrameTrace* trace,
-             Send send)
+  FrameAnswerer(AgentContext* agent, const base::Cancellation* cancellation, FrameTrace* trace,
+                Send send)
       : agent_(*agent), cancellation_(*cancellation), trace_(*trace), send_(std::move(send)) {}
 
   // Adopts the frame's task.
@@ -89,4 +89,4 @@ class FrameSteps {
 
 }  // namespace isoscope::agent
 
-#endif  // ISOSCOPE_PARTITION_AGENT_FRAME_STEPS_H_
+#endif  // ISOSCOPE_PARTITION_AGENT_FRAME_ANSWERER_H_
