@@ -37,26 +37,24 @@ absl::Status CheckMapSteps(const frame::FrameSpec& spec) {
   }
   if (!spec.sends_normals) {
     return absl::InvalidArgumentError(
-        "begin.sends_map_steps is set: must be unset without begin.sends_normals");
+        "begin.frame.sends_map_steps is set: must be unset without begin.frame.sends_normals");
   }
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
     if (spec.surfaces[i].shows_values() && !spec.surfaces[i].color_by->range.has_value()) {
-      return absl::InvalidArgumentError(absl::StrCat("begin.request.surfaces[", i,
+      return absl::InvalidArgumentError(absl::StrCat("begin.frame.surfaces[", i,
                                                      "].color_by.range is not set: required with "
-                                                     "begin.sends_map_steps"));
+                                                     "begin.frame.sends_map_steps"));
     }
   }
   return absl::OkStatus();
 }
 
 absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
-  // This checks the request, too: a field that this agent does not know may decide pixels.
+  // A field that this agent does not know may decide pixels.
   ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(begin));
   FrameTask task;
   task.frame_number = begin.frame_number();
-  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, wire::FrameSpecFromProto(begin.request()));
-  task.spec.sends_normals = begin.sends_normals();
-  task.spec.sends_map_steps = begin.sends_map_steps();
+  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, wire::FrameSpecFromProto(begin.frame()));
   ISOSCOPE_RETURN_IF_ERROR(CheckMapSteps(task.spec));
   task.agent_index = begin.agent_index();
   task.agent_count = begin.agent_count();

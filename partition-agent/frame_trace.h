@@ -24,8 +24,7 @@ class FrameTrace {
   // Begins a trace if this is the frame's first message and asks for one, and notes its arrival.
   void NoteReceived(const isoscope::internal::v1::RenderFrameRequest& message)
       ABSL_LOCKS_EXCLUDED(mutex_) {
-    if (std::exchange(is_first_, false) && message.has_begin() &&
-        message.begin().request().with_trace()) {
+    if (std::exchange(is_first_, false) && message.has_begin() && message.begin().with_trace()) {
       recorder_ = std::make_unique<base::TraceRecorder>(
           wire::MaxSpansOfAgent(message.begin().agent_count()));
       zero_ = base::TraceClock::now();

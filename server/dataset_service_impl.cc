@@ -176,7 +176,7 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   record->dataset = found->dataset.name();
   record->dataset_id = found->dataset.dataset_id();
   ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request.dataset_id()));
-  google::protobuf::RepeatedPtrField<isoscope::v1::Surface> no_surfaces;
+  std::vector<frame::Surface> no_surfaces;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const SelectedVolume selected,
       SelectVolume(found, request.has_selection() ? &request.selection() : nullptr, &no_surfaces));

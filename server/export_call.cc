@@ -221,7 +221,7 @@ class IsosurfaceServiceImpl::ExportCall final
         options_.registry->FindComplete(request_.dataset(), cancellation, caller_));
     audit_.SetDataset(found->dataset.name(), found->dataset.dataset_id());
     ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request_.dataset_id()));
-    google::protobuf::RepeatedPtrField<v1::Surface> no_surfaces;  // colours decide no mesh
+    std::vector<frame::Surface> no_surfaces;  // colours decide no mesh
     ISOSCOPE_ASSIGN_OR_RETURN(
         const SelectedVolume selected,
         SelectVolume(found, request_.has_selection() ? &request_.selection() : nullptr,

@@ -186,7 +186,6 @@ UNTESTED_HEADERS = {
     "core/store/shard_format.h": "constants; inside of shard_reader_test",
     "core/frame/agent_statistics.h": "plain data",
     "core/frame/culling.h": "an enumeration",
-    "core/frame/picture_effects.h": "plain data",
     "core/volume/block_samples.h": "plain data",
 }
 

@@ -2,8 +2,8 @@
 //
 // 1. Unknown fields are refused (CheckKnownFields).
 // 2. Each part is converted by a function that checks its fields: surfaces, window, culling,
-//    camera, background, clip region, caps, layers, lights, output, effects. The first wrong field
-//    is the error.
+//    camera, background, clip region, caps, layers, lights; then output and effects, which agents
+//    never get. The first wrong field is the error.
 // 3. Checks across fields follow, such as a background that must be opaque for JPEG.
 //
 // Each error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.
@@ -164,38 +164,59 @@ absl::StatusOr<frame::PictureEffects> EffectsFromProto(const v1::RenderIsosurfac
 }
 
 // Viewport and region.
-absl::Status SetWindow(const v1::RenderIsosurfaceRequest& request, frame::FrameSpec* spec) {
-  if (!request.has_viewport()) {
+template <typename Message>
+absl::Status SetWindow(const Message& proto, frame::FrameSpec* spec) {
+  if (!proto.has_viewport()) {
     return absl::InvalidArgumentError("viewport is not set: must say the size of the image");
   }
   ISOSCOPE_ASSIGN_OR_RETURN(
       spec->viewport,
-      ViewportFromProto(request.viewport(), "viewport",
-                        request.has_region() ? view::kMaxWholeViewportPx : view::kMaxViewportPx));
-  if (request.has_region()) {
+      ViewportFromProto(proto.viewport(), "viewport",
+                        proto.has_region() ? view::kMaxWholeViewportPx : view::kMaxViewportPx));
+  if (proto.has_region()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec->region,
-                              RegionFromProto(request.region(), spec->viewport, "region"));
+                              RegionFromProto(proto.region(), spec->viewport, "region"));
   }
   return absl::OkStatus();
 }
 
 // Clip region, caps, and the layers of translucent surfaces.
-absl::Status SetClipAndLayers(const v1::RenderIsosurfaceRequest& request, frame::FrameSpec* spec) {
-  ISOSCOPE_ASSIGN_OR_RETURN(spec->clip, ClipRegionFromProto(request.clip(), "clip"));
-  if (request.has_caps()) {
+template <typename Message>
+absl::Status SetClipAndLayers(const Message& proto, frame::FrameSpec* spec) {
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->clip, ClipRegionFromProto(proto.clip(), "clip"));
+  if (proto.has_caps()) {
     if (spec->clip.half_spaces.empty() && !spec->clip.box.has_value()) {
       return absl::InvalidArgumentError(
           "caps is set without clip: must be unset, because there is no cut to fill; give "
           "clip.half_spaces or clip.box");
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(spec->caps, ClipCapsFromProto(request.caps(), "caps"));
+    ISOSCOPE_ASSIGN_OR_RETURN(spec->caps, ClipCapsFromProto(proto.caps(), "caps"));
   }
-  if (request.max_layers() < 0 || request.max_layers() > frame::kMaxLayers) {
+  if (proto.max_layers() < 0 || proto.max_layers() > frame::kMaxLayers) {
     return absl::InvalidArgumentError(
-        absl::StrCat("max_layers is ", request.max_layers(), ": must lie in [1, ",
-                     frame::kMaxLayers, "], or be 0 for the default, ", frame::kDefaultLayers));
+        absl::StrCat("max_layers is ", proto.max_layers(), ": must lie in [1, ", frame::kMaxLayers,
+                     "], or be 0 for the default, ", frame::kDefaultLayers));
   }
-  spec->max_layers = request.max_layers() == 0 ? frame::kDefaultLayers : request.max_layers();
+  spec->max_layers = proto.max_layers() == 0 ? frame::kDefaultLayers : proto.max_layers();
+  return absl::OkStatus();
+}
+
+// Sets everything that agents draw, from a request or from the internal message. Their fields have
+// the same names.
+template <typename Message>
+absl::Status SetDrawn(const Message& proto, frame::FrameSpec* spec) {
+  ISOSCOPE_RETURN_IF_ERROR(SetWindow(proto, spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->culling, CullingFromProto(proto.culling(), "culling"));
+  if (proto.has_camera()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(proto.camera(), "camera"));
+  }
+  if (proto.has_background_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec->background_color,
+                              ColorFromProto(proto.background_color(), "background_color"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(SetClipAndLayers(proto, spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->lights, LightsFromProto(proto.lights()));
+  spec->ray_seed = static_cast<std::uint64_t>(proto.ray_seed());
   return absl::OkStatus();
 }
 
@@ -205,26 +226,15 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
   frame::FrameSpec spec;
   ISOSCOPE_ASSIGN_OR_RETURN(spec.surfaces, SurfacesFromProto(request));
-  ISOSCOPE_RETURN_IF_ERROR(SetWindow(request, &spec));
-  ISOSCOPE_ASSIGN_OR_RETURN(spec.culling, CullingFromProto(request.culling(), "culling"));
-  if (request.has_camera()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(spec.camera, CameraFromProto(request.camera(), "camera"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(SetDrawn(request, &spec));
   if (!v1::CameraFit_IsValid(request.camera_fit())) {
     return absl::InvalidArgumentError(
         absl::StrCat("camera_fit is ", static_cast<int>(request.camera_fit()),
                      ": must be CAMERA_FIT_VOLUME (1) or CAMERA_FIT_SURFACE (2)"));
   }
-  if (request.has_background_color()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(spec.background_color,
-                              ColorFromProto(request.background_color(), "background_color"));
-  }
   if (request.has_nan_color()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec.nan_color, NanColorFromProto(request.nan_color()));
   }
-  ISOSCOPE_RETURN_IF_ERROR(SetClipAndLayers(request, &spec));
-  ISOSCOPE_ASSIGN_OR_RETURN(spec.lights, LightsFromProto(request));
-  spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
   ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
   ISOSCOPE_ASSIGN_OR_RETURN(spec.effects, EffectsFromProto(request));
   ISOSCOPE_RETURN_IF_ERROR(frame::CheckDrawnWindow(spec));
@@ -234,6 +244,59 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
                      ": must be 1 with output.image_format JPEG, which has no transparency"));
   }
   return spec;
+}
+
+isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec) {
+  isoscope::internal::v1::FrameSpec proto;
+  for (const frame::Surface& surface : spec.surfaces) {
+    *proto.add_surfaces() = ToProto(surface);
+  }
+  *proto.mutable_viewport() = ToProto(spec.viewport);
+  if (spec.region.has_value()) {
+    *proto.mutable_region() = ToProto(*spec.region);
+  }
+  proto.set_culling(ToProto(spec.culling));
+  if (spec.camera.has_value()) {
+    *proto.mutable_camera() = ToProto(*spec.camera);
+  }
+  *proto.mutable_background_color() = ToProto(spec.background_color);
+  *proto.mutable_clip() = ToProto(spec.clip);
+  if (spec.caps.has_value()) {
+    *proto.mutable_caps() = ToProto(*spec.caps);
+  }
+  proto.set_max_layers(spec.max_layers);
+  for (const frame::Light& light : spec.lights) {
+    *proto.add_lights() = ToProto(light);
+  }
+  proto.set_ray_seed(static_cast<std::int64_t>(spec.ray_seed));
+  proto.set_sends_normals(spec.sends_normals);
+  proto.set_sends_map_steps(spec.sends_map_steps);
+  return proto;
+}
+
+absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
+    const isoscope::internal::v1::FrameSpec& proto) {
+  frame::FrameSpec spec;
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.surfaces, SurfacesFromProto(proto.surfaces()));
+  ISOSCOPE_RETURN_IF_ERROR(SetDrawn(proto, &spec));
+  spec.sends_normals = proto.sends_normals();
+  spec.sends_map_steps = proto.sends_map_steps();
+  return spec;
+}
+
+absl::StatusOr<AskedFrame> AskedFrameFromProto(const v1::RenderIsosurfaceRequest& request) {
+  AskedFrame asked;
+  ISOSCOPE_ASSIGN_OR_RETURN(asked.spec, FrameSpecFromProto(request));
+  asked.dataset = request.dataset();
+  asked.dataset_id = request.dataset_id();
+  if (request.has_selection()) {
+    asked.selection = request.selection();
+  }
+  asked.fits_surface = request.camera_fit() == v1::CAMERA_FIT_SURFACE;
+  asked.with_trace = request.with_trace();
+  asked.allow_partial = request.allow_partial();
+  asked.with_notes = request.with_notes();
+  return asked;
 }
 
 absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const v1::ClipRegion& proto,
@@ -253,6 +316,20 @@ absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const v1::ClipRegion& proto
     ISOSCOPE_ASSIGN_OR_RETURN(clip.box, BoxFromProto(proto.box(), absl::StrCat(path, ".box")));
   }
   return clip;
+}
+
+v1::ClipRegion ToProto(const view::ClipRegion& clip) {
+  v1::ClipRegion proto;
+  for (const view::HalfSpace& half_space : clip.half_spaces) {
+    v1::HalfSpace* const added = proto.add_half_spaces();
+    *added->mutable_normal() = ToProto(half_space.normal);
+    added->set_offset(half_space.offset);
+  }
+  if (clip.box.has_value()) {
+    *proto.mutable_box()->mutable_min() = ToProto(clip.box->min);
+    *proto.mutable_box()->mutable_max() = ToProto(clip.box->max);
+  }
+  return proto;
 }
 
 absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest& request) {
@@ -278,17 +355,15 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest
   return spec;
 }
 
-absl::Status ResolveCamera(const math::Box3d& bounds, v1::RenderIsosurfaceRequest* request,
-                           frame::FrameSpec* spec,
+absl::Status ResolveCamera(const math::Box3d& bounds, frame::FrameSpec* spec,
                            const std::optional<math::Box3d>& surface_bounds) {
-  request->clear_camera_fit();
   if (spec->camera.has_value() && !surface_bounds.has_value()) {
     return absl::OkStatus();
   }
-  *request->mutable_camera() =
-      ToProto(!spec->camera.has_value() ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
-                                        : view::MoveToBox(*spec->camera, bounds, *surface_bounds));
-  ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(request->camera(), "camera"));
+  const view::Camera camera = !spec->camera.has_value()
+                                  ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
+                                  : view::MoveToBox(*spec->camera, bounds, *surface_bounds);
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(ToProto(camera), "camera"));
   return absl::OkStatus();
 }
 

@@ -1,5 +1,6 @@
 // Converts frames between wire and core types. A new parameter of a frame is checked and converted
-// here and in surface_convert.h, and nowhere else.
+// here and in surface_convert.h, and nowhere else: from requests of clients, and to and from the
+// internal message that agents get.
 
 #ifndef ISOSCOPE_WIRE_FRAME_CONVERT_H_
 #define ISOSCOPE_WIRE_FRAME_CONVERT_H_
@@ -28,10 +29,33 @@ namespace isoscope::wire {
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request);
 
+// Converts the part of a frame that agents draw: all but nan_color, output and effects.
+// FrameSpecFromProto gives the same bits back, if the camera came from a message.
+isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec);
+// Checks the members as those of a request. The camera stays unset if the message has none.
+absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const isoscope::internal::v1::FrameSpec& proto);
+
+// A request for a frame: the frame, and what is no part of it.
+struct AskedFrame {
+  frame::FrameSpec spec;
+  std::string dataset;     // as the request names it
+  std::string dataset_id;  // that it must have; empty: any
+  std::optional<isoscope::v1::FieldSelection> selection;
+  bool fits_surface = false;  // its camera: CAMERA_FIT_SURFACE
+  bool with_trace = false;
+  bool allow_partial = false;
+  bool with_notes = false;
+  bool with_all_fields = false;  // the agents must have the volumes of all fields
+};
+// Converts a request, as FrameSpecFromProto. Nothing reads the message after that.
+absl::StatusOr<AskedFrame> AskedFrameFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request);
+
 // Converts a clip region. INVALID_ARGUMENT names the field below `path`, its value and the allowed
 // values.
 absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipRegion& proto,
                                                      const std::string& path);
+isoscope::v1::ClipRegion ToProto(const view::ClipRegion& clip);
 
 // The most surfaces of one export: as many as a dataset has names of labels.
 inline constexpr std::size_t kMaxExportedSurfaces = 65536;
@@ -50,12 +74,10 @@ struct ExportSpec {
 absl::StatusOr<ExportSpec> ExportSpecFromProto(
     const isoscope::v1::ExportIsosurfaceRequest& request);
 
-// Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
-// will read from the message, so all have the same bits. With `surface_bounds` (CAMERA_FIT_SURFACE)
-// the camera is then moved from the one box to the other; that done, camera_fit is cleared, because
-// the camera is final.
-absl::Status ResolveCamera(const math::Box3d& bounds,
-                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec,
+// Gives a frame without a camera the default one of `bounds`. With `surface_bounds`
+// (CAMERA_FIT_SURFACE) the camera is moved from the one box to the other. A new camera is as a
+// message has it, so that agents and the client's next request have the same bits.
+absl::Status ResolveCamera(const math::Box3d& bounds, frame::FrameSpec* spec,
                            const std::optional<math::Box3d>& surface_bounds = std::nullopt);
 
 // INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.

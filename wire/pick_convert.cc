@@ -9,7 +9,6 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
-#include "wire/frame_convert.h"
 #include "wire/known_fields.h"
 #include "wire/proto_convert.h"
 #include "wire/surface_convert.h"
@@ -78,17 +77,13 @@ absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceReques
         "pixels lie in a window of ", region.width_px, " x ", region.height_px,
         " pixels: must lie in one of at most ", view::kMaxViewportPx, " a side; ask in parts"));
   }
-  spec.request = proto.frame();
-  *spec.request.mutable_region() = ToProto(region);
-  spec.request.set_culling(isoscope::v1::CULLING_DEPTH);
-  // Checked before it is replaced, so that no wrong value goes unnoticed.
   ISOSCOPE_RETURN_IF_ERROR(CullingFromProto(proto.frame().culling(), "frame.culling").status());
-  ISOSCOPE_ASSIGN_OR_RETURN(spec.frame, FrameSpecFromProto(spec.request));
-  spec.request.clear_samples();
-  spec.request.clear_ambient_occlusion();
-  spec.request.clear_silhouette();
-  spec.frame.effects = {};
-  spec.with_field_values = proto.with_field_values();
+  isoscope::v1::RenderIsosurfaceRequest frame = proto.frame();
+  *frame.mutable_region() = ToProto(region);  // the viewport may then be larger than a picture
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.asked, AskedFrameFromProto(frame));
+  spec.asked.spec = frame::WithoutLook(std::move(spec.asked.spec), /*sends_normals=*/true);
+  spec.asked.spec.culling = frame::Culling::kDepth;
+  spec.asked.with_all_fields = proto.with_field_values();
   return spec;
 }
 

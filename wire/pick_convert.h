@@ -11,12 +11,12 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "core/frame/frame_spec.h"
 #include "core/math/vec.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/inside_rule.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::wire {
 
@@ -31,11 +31,10 @@ struct PixelPosition {
 inline constexpr int kMaxPickedPixels = 1000;
 
 struct PickSpec {
-  // The frame of the request, with the region around all pixels and exact culling.
-  isoscope::v1::RenderIsosurfaceRequest request;
-  frame::FrameSpec frame;             // the same, converted; has a region
+  // The frame of the request without its look, with the region around all pixels, normals and exact
+  // culling.
+  AskedFrame asked;
   std::vector<PixelPosition> pixels;  // 1 to kMaxPickedPixels, all in the region
-  bool with_field_values = false;
 };
 
 // Checks everything that does not depend on the dataset, also for unknown fields. INVALID_ARGUMENT

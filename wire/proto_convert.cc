@@ -60,12 +60,20 @@ std::string Join(absl::string_view path, absl::string_view field) {
   return path.empty() ? std::string(field) : absl::StrCat(path, ".", field);
 }
 
-// Returns the degrees that become `radians` again after multiplication; the shortest decimal if
-// there is one.
+// Returns degrees that become `radians` again after multiplication, a short decimal if there is
+// one. If no degrees do: the nearest ones.
 double DegreesOf(double radians) {
   const double degrees = radians / kRadiansPerDegree;
-  const double rounded = std::round(degrees * 1e9) / 1e9;
-  return rounded * kRadiansPerDegree == radians ? rounded : degrees;
+  const double lower = std::nextafter(degrees, 0.0);
+  const double upper = std::nextafter(degrees, 180.0);
+  // Product and quotient are rounded by half a step each: that is up to two steps of the degrees.
+  for (const double candidate : {std::round(degrees * 1e9) / 1e9, degrees, lower, upper,
+                                 std::nextafter(lower, 0.0), std::nextafter(upper, 180.0)}) {
+    if (candidate * kRadiansPerDegree == radians && candidate < 180.0) {
+      return candidate;
+    }
+  }
+  return degrees;
 }
 
 // Puts the path of the field into an error of core's own checks, such as "camera up ...".

@@ -41,10 +41,11 @@ isoscope::v1::Dimensions ToProto(const math::Index3& dims);
 isoscope::v1::Vec3 ToProto(const math::Vec3d& vector);
 
 // Degrees become radians; an unset `up` is (0, 1, 0). The same message gives the same bits on every
-// machine: the coordinator passes a client's message on to the agents as it is.
+// machine.
 absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
                                              absl::string_view path);
-// CameraFromProto(ToProto(camera)) is within one rounding of `camera`.
+// CameraFromProto(ToProto(camera)) == camera for a camera that came from a message, so that agents
+// and a client's next request have the same bits. Otherwise it is within one rounding.
 isoscope::v1::Camera ToProto(const view::Camera& camera);
 
 absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& proto,

@@ -323,41 +323,68 @@ absl::StatusOr<frame::ClipCaps> ClipCapsFromProto(const v1::ClipCaps& proto,
 }
 
 absl::StatusOr<std::vector<frame::Light>> LightsFromProto(
-    const v1::RenderIsosurfaceRequest& request) {
-  if (static_cast<std::size_t>(request.lights_size()) > frame::kMaxLights) {
+    const google::protobuf::RepeatedPtrField<v1::Light>& proto) {
+  if (static_cast<std::size_t>(proto.size()) > frame::kMaxLights) {
     return absl::InvalidArgumentError(absl::StrCat(
-        "lights has ", request.lights_size(), " elements: must have at most ", frame::kMaxLights));
+        "lights has ", proto.size(), " elements: must have at most ", frame::kMaxLights));
   }
   std::vector<frame::Light> lights;
-  for (int i = 0; i < request.lights_size(); ++i) {
+  for (int i = 0; i < proto.size(); ++i) {
     ISOSCOPE_ASSIGN_OR_RETURN(lights.emplace_back(),
-                              LightFromProto(request.lights(i), absl::StrCat("lights[", i, "]")));
+                              LightFromProto(proto[i], absl::StrCat("lights[", i, "]")));
   }
   return lights;
 }
 
 absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
     const v1::RenderIsosurfaceRequest& request, std::size_t max_surfaces) {
-  std::vector<frame::Surface> surfaces;
   if (request.surfaces().empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(surfaces.emplace_back(), OnlySurfaceFromProto(request));
-    return surfaces;
+    ISOSCOPE_ASSIGN_OR_RETURN(frame::Surface only, OnlySurfaceFromProto(request));
+    return std::vector<frame::Surface>{std::move(only)};
   }
   if (request.isovalue() != 0 || request.has_base_color()) {
     return absl::InvalidArgumentError(
         absl::StrCat(request.has_base_color() ? "base_color" : "isovalue",
                      " is set beside surfaces: must be unset, because each surface has its own"));
   }
-  if (static_cast<std::size_t>(request.surfaces_size()) > max_surfaces) {
-    return absl::InvalidArgumentError(absl::StrCat("surfaces has ", request.surfaces_size(),
-                                                   " elements: must have at most ", max_surfaces));
+  return SurfacesFromProto(request.surfaces(), max_surfaces);
+}
+
+absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
+    const google::protobuf::RepeatedPtrField<v1::Surface>& proto, std::size_t max_surfaces) {
+  if (proto.empty()) {
+    return absl::InvalidArgumentError("surfaces is empty: must have at least one element");
   }
-  for (int i = 0; i < request.surfaces_size(); ++i) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        surfaces.emplace_back(),
-        SurfaceFromProto(request.surfaces(i), absl::StrCat("surfaces[", i, "]")));
+  if (static_cast<std::size_t>(proto.size()) > max_surfaces) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("surfaces has ", proto.size(), " elements: must have at most ", max_surfaces));
+  }
+  std::vector<frame::Surface> surfaces;
+  for (int i = 0; i < proto.size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(surfaces.emplace_back(),
+                              SurfaceFromProto(proto[i], absl::StrCat("surfaces[", i, "]")));
   }
   return surfaces;
+}
+
+v1::Surface ToProto(const frame::Surface& surface) {
+  v1::Surface proto;
+  proto.set_isovalue(surface.rule.isovalue);
+  proto.mutable_labels()->Assign(surface.rule.labels.begin(), surface.rule.labels.end());
+  const frame::Appearance& appearance = surface.appearance;
+  *proto.mutable_color() = ToProto(appearance.base_color);
+  proto.mutable_color()->set_alpha(surface.opacity);
+  v1::Material& material = *proto.mutable_material();
+  material.set_ambient(appearance.ambient);
+  if (appearance.diffuse.has_value()) {
+    material.set_diffuse(*appearance.diffuse);
+  }
+  material.set_specular(appearance.specular);
+  material.set_shininess(appearance.shininess);
+  if (surface.color_by.has_value()) {
+    *proto.mutable_color_by() = ToProto(*surface.color_by);
+  }
+  return proto;
 }
 
 v1::ColorBy ToProto(const frame::ColorBy& color_by) {
@@ -408,14 +435,12 @@ absl::StatusOr<image::Rgba8> NanColorFromProto(const v1::Color& proto) {
   return ColorFromProto(proto, "nan_color");
 }
 
-absl::StatusOr<v1::ColorRange> ColorRangeOf(const v1::FieldComponent& component,
-                                            const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const frame::ColorRange range, RangeOfSamples(component, path));
-  return RangeToProto(range);
+absl::StatusOr<frame::ColorRange> ColorRangeOf(const v1::FieldComponent& component,
+                                               const std::string& path) {
+  return RangeOfSamples(component, path);
 }
 
-absl::Status ResolveColorRanges(const v1::Dataset& dataset, v1::RenderIsosurfaceRequest* request,
-                                frame::FrameSpec* spec) {
+absl::Status ResolveColorRanges(const v1::Dataset& dataset, frame::FrameSpec* spec) {
   for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
     frame::Surface& surface = spec->surfaces[i];
     if (!surface.shows_gradient() || surface.color_by->range.has_value()) {
@@ -423,12 +448,9 @@ absl::Status ResolveColorRanges(const v1::Dataset& dataset, v1::RenderIsosurface
     }
     ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by->range,
                               GradientRangeOf(dataset, absl::StrCat("surfaces[", i, "].color_by")));
-    *request->mutable_surfaces(static_cast<int>(i))->mutable_color_by() =
-        ToProto(*surface.color_by);
   }
   if (frame::HasSampleCaps(*spec) && !spec->caps->range.has_value()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec->caps->range, RangeOfSamples(dataset, "caps.range"));
-    *request->mutable_caps() = ToProto(*spec->caps);
   }
   return absl::OkStatus();
 }

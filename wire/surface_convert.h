@@ -42,13 +42,18 @@ absl::StatusOr<volume::InsideRule> LabelsFromProto(
 absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request,
     std::size_t max_surfaces = frame::kMaxSurfaces);
+// The surfaces of a list, 1 to max_surfaces.
+absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
+    const google::protobuf::RepeatedPtrField<isoscope::v1::Surface>& proto,
+    std::size_t max_surfaces = frame::kMaxSurfaces);
 absl::StatusOr<std::vector<frame::Light>> LightsFromProto(
-    const isoscope::v1::RenderIsosurfaceRequest& request);
+    const google::protobuf::RepeatedPtrField<isoscope::v1::Light>& proto);
 absl::StatusOr<frame::ClipCaps> ClipCapsFromProto(const isoscope::v1::ClipCaps& proto,
                                                   const std::string& path);
 absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& proto,
                                                 absl::string_view path);
 // FrameSpecFromProto gives the same back.
+isoscope::v1::Surface ToProto(const frame::Surface& surface);
 isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
 isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps);
 isoscope::v1::Light ToProto(const frame::Light& light);
@@ -58,15 +63,13 @@ absl::StatusOr<image::Rgba8> NanColorFromProto(const isoscope::v1::Color& proto)
 
 // Returns the range of a map over the finite samples of a component at all steps; 0 to 1 if all are
 // NaN. INVALID_ARGUMENT if the component does not tell it; `path` is that of the range.
-absl::StatusOr<isoscope::v1::ColorRange> ColorRangeOf(const isoscope::v1::FieldComponent& component,
-                                                      const std::string& path);
+absl::StatusOr<frame::ColorRange> ColorRangeOf(const isoscope::v1::FieldComponent& component,
+                                               const std::string& path);
 
-// Gives the maps that show the gradient's magnitude, and the map of caps, a range where the request
+// Gives the maps that show the gradient's magnitude, and the map of caps, a range where the frame
 // has none: 0 to the dataset's bound, and that of its finite samples. INVALID_ARGUMENT if the
 // dataset does not tell it.
-absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
-                                isoscope::v1::RenderIsosurfaceRequest* request,
-                                frame::FrameSpec* spec);
+absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset, frame::FrameSpec* spec);
 
 }  // namespace isoscope::wire
 

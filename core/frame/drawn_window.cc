@@ -9,9 +9,6 @@
 namespace isoscope::frame {
 namespace {
 
-static_assert(AmbientOcclusion::kMaxRadiusPx + AmbientOcclusion::kBorderPx <= kMaxMarginPx);
-static_assert(Silhouette::kMaxWidthPx + Silhouette::kBorderPx <= kMaxMarginPx);
-
 int LongerSide(const view::Viewport& size) { return std::max(size.width_px, size.height_px); }
 
 std::string SizeText(const view::Viewport& size) {
@@ -19,17 +16,6 @@ std::string SizeText(const view::Viewport& size) {
 }
 
 }  // namespace
-
-int MarginOf(const PictureEffects& effects) {
-  int margin = 0;
-  if (effects.ambient_occlusion.has_value()) {
-    margin = effects.ambient_occlusion->radius_px + AmbientOcclusion::kBorderPx;
-  }
-  if (effects.silhouette.has_value()) {
-    margin = std::max(margin, effects.silhouette->width_px + Silhouette::kBorderPx);
-  }
-  return margin;
-}
 
 DrawnWindow DrawnWindowOf(const FrameSpec& spec) {
   const int scale = spec.effects.samples_per_side;
@@ -39,7 +25,7 @@ DrawnWindow DrawnWindowOf(const FrameSpec& spec) {
     return window;
   }
   const view::Region& region = *spec.region;
-  const int margin = MarginOf(spec.effects);
+  const int margin = spec.effects.margin_px();
   const int begin_x = std::max(region.x - margin, 0);
   const int begin_y = std::max(region.y - margin, 0);
   const int end_x = std::min(region.x + region.width_px + margin, spec.viewport.width_px);
@@ -61,7 +47,7 @@ absl::Status CheckDrawnWindow(const FrameSpec& spec) {
         spec.effects.samples(), SizeText(spec.viewport), scale, view::kMaxWholeViewportPx));
   }
   if (LongerSide(window.image_size()) > view::kMaxViewportPx) {
-    const int margin = spec.region.has_value() ? MarginOf(spec.effects) : 0;
+    const int margin = spec.region.has_value() ? spec.effects.margin_px() : 0;
     return absl::InvalidArgumentError(absl::StrFormat(
         "samples is %d with a %s of %s pixels%s: its sides times %d must be at most %d; ask for "
         "%s",

@@ -32,12 +32,6 @@ struct DrawnWindow {
   friend bool operator==(const DrawnWindow&, const DrawnWindow&) = default;
 };
 
-// The most that a region's margin can be, in pixels of the picture.
-inline constexpr int kMaxMarginPx = 64;
-
-// Returns how far the effects look around a pixel, in pixels of the picture: 0 to kMaxMarginPx.
-int MarginOf(const PictureEffects& effects);
-
 // Pixels outside the viewport are background, so a margin ends at its border. REQUIRES: the spec's
 // viewport and region validate, and their drawn sides fit an int.
 DrawnWindow DrawnWindowOf(const FrameSpec& spec);

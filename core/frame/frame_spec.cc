@@ -12,6 +12,15 @@ constexpr std::size_t kTextRules = 16;
 
 }  // namespace
 
+FrameSpec WithoutLook(FrameSpec spec, bool sends_normals) {
+  spec.effects = {};
+  if (spec.caps.has_value()) {
+    spec.caps = ClipCaps();
+  }
+  spec.sends_normals = sends_normals;
+  return spec;
+}
+
 bool HasLayers(const FrameSpec& spec) {
   return std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
                      [](const Surface& surface) { return surface.is_translucent(); });

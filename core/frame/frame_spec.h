@@ -1,6 +1,6 @@
-// A request for a frame, in core types. wire::FrameSpecFromProto makes it from the message, and the
-// coordinator and the agents derive everything else from it. A new parameter of a frame becomes a
-// member here.
+// The one description of a frame. The coordinator makes it from a request (wire::FrameSpecFromProto)
+// and edits nothing else from then on. Agents get what they draw of it (wire::ToProto). A new
+// parameter of a frame becomes a member here, one that agents do not draw a member of PictureEffects.
 
 #ifndef ISOSCOPE_CORE_FRAME_FRAME_SPEC_H_
 #define ISOSCOPE_CORE_FRAME_FRAME_SPEC_H_
@@ -48,7 +48,7 @@ struct Surface {
   }
 };
 
-// Planes and silhouettes have one byte for a surface, and 255 for none.
+// Planes and lines have one byte for a surface, and 255 for none.
 inline constexpr std::size_t kMaxSurfaces = 128;
 inline constexpr int kMaxLayers = 16;
 inline constexpr int kDefaultLayers = 8;
@@ -70,16 +70,16 @@ struct FrameSpec {
   int max_layers = kDefaultLayers;
   std::vector<Light> lights;  // at most kMaxLights; none: the head light
   std::uint64_t ray_seed = 0;
-  // Only the coordinator reads these three. Missing values (NaN) that a colour map would show have
-  // this colour; not set: DefaultNanColor of the map.
+  // Agents never get these three. Missing values (NaN) that a colour map would show have this
+  // colour; not set: DefaultNanColor of the map.
   std::optional<image::Rgba8> nan_color;
   OutputSpec output;
   PictureEffects effects;
-  // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
-  // request: the coordinator tells the agents.
+  // Whether pixels carry normals (image::EncodeNormal) in place of colours. The coordinator decides
+  // it, as the next one.
   bool sends_normals = false;
   // Whether pixels of surfaces that show values of vertices carry a step of the colour map
-  // beside the normal (image/normal_and_step.h). Likewise; only with sends_normals.
+  // beside the normal (image/normal_and_step.h). Only with sends_normals.
   bool sends_map_steps = false;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
@@ -89,6 +89,10 @@ struct FrameSpec {
 inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
   return view::ImageSizeOf(spec.viewport, spec.region);
 }
+
+// Returns a frame of the same depths, owners and normals, for planes and picks. It has no effects.
+// Its caps show surfaces: caps that show samples have a colour, but no normal.
+FrameSpec WithoutLook(FrameSpec spec, bool sends_normals);
 
 // Returns true if a surface is translucent: then the frame has layers (image::LayerStack).
 bool HasLayers(const FrameSpec& spec);

@@ -112,8 +112,7 @@ absl::Status CheckOnlyVolume(const v1::Dataset& dataset, const v1::FieldSelectio
 }
 
 absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection* selection,
-                           const google::protobuf::RepeatedPtrField<v1::Surface>& surfaces,
-                           bool with_all_fields) {
+                           const std::vector<frame::Surface>& surfaces, bool with_all_fields) {
   if (with_all_fields) {
     return absl::InvalidArgumentError(
         absl::StrCat("with_field_values is set: dataset \"", dataset.name(),
@@ -122,10 +121,10 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   if (selection != nullptr) {
     ISOSCOPE_RETURN_IF_ERROR(CheckOnlyVolume(dataset, *selection));
   }
-  for (int i = 0; i < surfaces.size(); ++i) {
-    if (surfaces[i].color_by().quantity() == v1::ColorBy::QUANTITY_FIELD) {
+  for (std::size_t i = 0; i < surfaces.size(); ++i) {
+    if (surfaces[i].shows_field()) {
       return absl::InvalidArgumentError(absl::StrCat(
-          "surfaces[", i, "].color_by.field is ", base::Quoted(surfaces[i].color_by().field()),
+          "surfaces[", i, "].color_by.field is ", base::Quoted(surfaces[i].color_by->field),
           ": dataset \"", dataset.name(), "\" has one field"));
     }
   }
@@ -177,24 +176,23 @@ class StepVolumes {
 };
 
 // Adds the volumes that colour surfaces; sets their ranges where they are not.
-absl::Status AddColors(const v1::Dataset& description,
-                       google::protobuf::RepeatedPtrField<v1::Surface>* surfaces,
+absl::Status AddColors(const v1::Dataset& description, std::vector<frame::Surface>* surfaces,
                        StepVolumes* volumes, SelectedVolume* selected) {
-  for (int i = 0; i < surfaces->size(); ++i) {
-    if ((*surfaces)[i].color_by().quantity() != v1::ColorBy::QUANTITY_FIELD) {
+  for (std::size_t i = 0; i < surfaces->size(); ++i) {
+    if (!(*surfaces)[i].shows_field()) {
       continue;
     }
-    v1::ColorBy* const color_by = surfaces->Mutable(i)->mutable_color_by();
+    frame::ColorBy& color_by = *(*surfaces)[i].color_by;
     const std::string path = absl::StrCat("surfaces[", i, "].color_by.");
     ISOSCOPE_ASSIGN_OR_RETURN(
         const wire::FieldPlace place,
-        wire::FindField(description, color_by->field(), color_by->component(), path));
+        wire::FindField(description, color_by.field, color_by.component, path));
     ISOSCOPE_ASSIGN_OR_RETURN(std::string id, volumes->Add(place, path));
-    selected->color_dataset_ids.resize(static_cast<std::size_t>(surfaces->size()));
-    selected->color_dataset_ids[static_cast<std::size_t>(i)] = std::move(id);
-    if (!color_by->has_range()) {
+    selected->color_dataset_ids.resize(surfaces->size());
+    selected->color_dataset_ids[i] = std::move(id);
+    if (!color_by.range.has_value()) {
       ISOSCOPE_ASSIGN_OR_RETURN(
-          *color_by->mutable_range(),
+          color_by.range,
           wire::ColorRangeOf(description.fields(place.field).components(place.component),
                              absl::StrCat(path, "range")));
     }
@@ -312,9 +310,10 @@ v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
   return joined;
 }
 
-absl::StatusOr<SelectedVolume> SelectVolume(
-    const std::shared_ptr<const DatasetState>& dataset, const v1::FieldSelection* selection,
-    google::protobuf::RepeatedPtrField<v1::Surface>* surfaces, bool with_all_fields) {
+absl::StatusOr<SelectedVolume> SelectVolume(const std::shared_ptr<const DatasetState>& dataset,
+                                            const v1::FieldSelection* selection,
+                                            std::vector<frame::Surface>* surfaces,
+                                            bool with_all_fields) {
   SelectedVolume selected;
   const v1::Dataset& description = dataset->dataset;
   if (dataset->series == nullptr) {

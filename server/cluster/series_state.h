@@ -19,6 +19,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/frame/frame_spec.h"
 #include "core/store/series_manifest.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -65,7 +66,7 @@ struct FieldVolume {
 // The choice of a request.
 struct SelectedVolume {
   std::shared_ptr<const DatasetState> dataset;  // of the volume
-  // By surface of the request; "": the surface is not coloured by a field. Empty: none is.
+  // By surface of the frame; "": the surface is not coloured by a field. Empty: none is.
   std::vector<std::string> color_dataset_ids;
   std::optional<isoscope::v1::FieldSelection> selection;  // with all members; not set: no fields
   std::optional<double> time;
@@ -75,7 +76,7 @@ struct SelectedVolume {
 // Chooses a scalar volume of a dataset. Of a dataset without fields: the dataset itself.
 //
 // selection: null: the default
-// surfaces:  those of the request, or none; ranges of colours by a field are set where they are not
+// surfaces:  those of the frame, or none; ranges of colours by a field are set where they are not
 //
 // with_all_fields: whether the values of all fields are asked for, too
 //
@@ -83,11 +84,10 @@ struct SelectedVolume {
 // or component that the dataset does not have (lists them), one or a time or all fields of a
 // dataset without fields, which has step 0 alone; a time that is not finite. NOT_FOUND: a step that
 // is not served (says which are). FAILED_PRECONDITION: none is.
-absl::StatusOr<SelectedVolume> SelectVolume(
-    const std::shared_ptr<const DatasetState>& dataset,
-    const isoscope::v1::FieldSelection* selection,
-    google::protobuf::RepeatedPtrField<isoscope::v1::Surface>* surfaces,
-    bool with_all_fields = false);
+absl::StatusOr<SelectedVolume> SelectVolume(const std::shared_ptr<const DatasetState>& dataset,
+                                            const isoscope::v1::FieldSelection* selection,
+                                            std::vector<frame::Surface>* surfaces,
+                                            bool with_all_fields = false);
 
 }  // namespace isoscope::server
 

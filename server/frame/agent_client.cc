@@ -165,11 +165,11 @@ class FrameStream final
 
   // Statistics as they are without a trace.
   static std::size_t BytesWithoutTrace(const internal::RenderFrameRequest& message) {
-    if (!message.has_begin() || !message.begin().request().with_trace()) {
+    if (!message.has_begin() || !message.begin().with_trace()) {
       return message.ByteSizeLong();
     }
     internal::RenderFrameRequest plain = message;
-    plain.mutable_begin()->mutable_request()->clear_with_trace();
+    plain.mutable_begin()->clear_with_trace();
     return plain.ByteSizeLong();
   }
 

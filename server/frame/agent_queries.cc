@@ -33,6 +33,7 @@
 #include "rpc/request_context.h"
 #include "rpc/unary_checksum.h"
 #include "server/frame/agent_call.h"
+#include "wire/frame_convert.h"
 #include "wire/pick_convert.h"
 #include "wire/proto_convert.h"
 
@@ -399,7 +400,7 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const QueryTarget& target,
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<volume::InsideRule>& rules,
-                                        const isoscope::v1::ClipRegion& clip,
+                                        const view::ClipRegion& clip,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation) {
   using Response = internal::GetActiveBoxResponse;
@@ -414,7 +415,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
       questions[0].request.add_isovalues(rule.isovalue);
     }
   }
-  *questions[0].request.mutable_clip() = clip;
+  *questions[0].request.mutable_clip() = wire::ToProto(clip);
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
                ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, wire::ActiveBoxFromProto(answer, layout));

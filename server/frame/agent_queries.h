@@ -18,6 +18,7 @@
 #include "core/base/trace_context.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
+#include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/sample_histogram.h"
@@ -75,7 +76,7 @@ struct ActiveExtent {
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<volume::InsideRule>& rules,
-                                        const isoscope::v1::ClipRegion& clip,
+                                        const view::ClipRegion& clip,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation);
 

@@ -75,13 +75,6 @@ void LogLostHedge(const base::TraceContext& request, std::int64_t frame_number,
 
 }  // namespace
 
-void ShowSurfacesOnCaps(AskedFrame* asked) {
-  if (asked->spec.caps.has_value()) {
-    asked->spec.caps = frame::ClipCaps();
-    asked->request.mutable_caps()->Clear();
-  }
-}
-
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
                                              const volume::GridGeometry& geometry) {
   const isoscope::v1::Dimensions& cells = dataset.block_cells();
@@ -120,14 +113,16 @@ absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identity,
                                                     AskedFrame* asked) {
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
-  const isoscope::v1::RenderIsosurfaceRequest& request = asked->request;
   const frame::FrameSpec& spec = asked->spec;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::shared_ptr<const DatasetState> found,
-      options_.registry->FindComplete(request.dataset(), *identity.cancellation, *identity.caller,
-                                      request.allow_partial()));
-  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request.dataset_id()));
-  ISOSCOPE_ASSIGN_OR_RETURN(SelectedVolume selected, Select(found, asked));
+      options_.registry->FindComplete(asked->dataset, *identity.cancellation, *identity.caller,
+                                      asked->allow_partial));
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, asked->dataset_id));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      SelectedVolume selected,
+      SelectVolume(found, asked->selection.has_value() ? &*asked->selection : nullptr,
+                   &asked->spec.surfaces, asked->with_all_fields));
   const DatasetState& dataset = *selected.dataset;
   const std::string& id = dataset.dataset.dataset_id();
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(spec, dataset));
@@ -150,30 +145,13 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
                      std::move(selected)};
 }
 
-absl::StatusOr<SelectedVolume> FrameRunner::Select(const std::shared_ptr<const DatasetState>& found,
-                                                   AskedFrame* asked) {
-  isoscope::v1::RenderIsosurfaceRequest& request = asked->request;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      SelectedVolume selected,
-      SelectVolume(found, request.has_selection() ? &request.selection() : nullptr,
-                   request.mutable_surfaces(), asked->with_all_fields));
-  for (std::size_t i = 0; i < selected.color_dataset_ids.size(); ++i) {
-    if (!selected.color_dataset_ids[i].empty()) {
-      const isoscope::v1::ColorRange& range =
-          request.surfaces(static_cast<int>(i)).color_by().range();
-      asked->spec.surfaces[i].color_by->range = frame::ColorRange{range.min(), range.max()};
-    }
-  }
-  return selected;
-}
-
 absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
                                       const volume::GridGeometry& geometry,
                                       const volume::BlockLayout& layout, AskedFrame* asked) {
   std::optional<math::Box3d> surface_bounds;
-  if (asked->request.camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
+  if (asked->fits_surface) {
     const QueryOutcome<ActiveExtent> outcome =
-        AskActiveBox(query, layout, frame::RulesOf(asked->spec), asked->request.clip(),
+        AskActiveBox(query, layout, frame::RulesOf(asked->spec), asked->spec.clip,
                      *identity.request, *identity.cancellation);
     ReportQuery(*identity.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
@@ -182,7 +160,7 @@ absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const Query
                                            asked->spec.clip);
     }
   }
-  return wire::ResolveCamera(geometry.Bounds(), &asked->request, &asked->spec, surface_bounds);
+  return wire::ResolveCamera(geometry.Bounds(), &asked->spec, surface_bounds);
 }
 
 // One try of a frame with some parts: begins them on agents, and records the agents' success.
@@ -200,18 +178,12 @@ class FrameRunner::Attempt {
         active_(runner->active_blocks_.Find(active_key_)) {
     begin_.set_frame_number(identity.number);
     begin_.set_dataset_id(target.dataset->dataset.dataset_id());
-    *begin_.mutable_request() = asked.request;
-    begin_.mutable_request()->clear_allow_partial();  // without effect on an agent, as the next two
-    begin_.mutable_request()->clear_nan_color();
-    begin_.mutable_request()->clear_with_notes();
-    begin_.mutable_request()->clear_dataset_id();  // older agents refuse it
-    begin_.mutable_request()->clear_selection();   // likewise
+    *begin_.mutable_frame() = wire::ToProto(spec_);
+    begin_.set_with_trace(identity.trace != nullptr);
     begin_.mutable_color_dataset_ids()->Assign(target.selected.color_dataset_ids.begin(),
                                                target.selected.color_dataset_ids.end());
     begin_.set_agent_count(static_cast<std::int32_t>(parts.size()));
     begin_.set_report_active_blocks(active_ == nullptr);
-    begin_.set_sends_normals(spec_.sends_normals);
-    begin_.set_sends_map_steps(spec_.sends_map_steps);
   }
 
   // With an error, `lost_parts` are those of FrameOutcome.
@@ -352,7 +324,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, cons
     absl::StatusOr<FrameResult> result =
         Attempt(this, identity, asked, target, *parts).Run(&lost_parts);
     const bool goes_on =
-        asked.request.allow_partial() && !lost_parts.empty() && lost_parts.size() < parts->size();
+        asked.allow_partial && !lost_parts.empty() && lost_parts.size() < parts->size();
     if (!goes_on) {
       return result;
     }
@@ -366,8 +338,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, cons
 
 absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
                                            const FrameTarget& target,
-                                           const std::vector<FramePart>& parts,
-                                           isoscope::v1::RenderStatistics* statistics) {
+                                           const std::vector<FramePart>& parts, FrameCost* cost) {
   const isoscope::v1::Dataset& dataset = target.dataset->dataset;
   const std::vector<int> missing = MissingShards(dataset.shard_count(), parts);
   if (missing.empty()) {
@@ -375,13 +346,13 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
   }
   const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
       {dataset.dataset_id(), parts, NextTurn()}, target.layout, frame::RulesOf(asked.spec),
-      asked.request.clip(), *identity.request, *identity.cancellation);
+      asked.spec.clip, *identity.request, *identity.cancellation);
   ReportQuery(*identity.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const auto all = static_cast<double>(outcome.result->active_block_count);
-  statistics->mutable_missing_shards()->Assign(missing.begin(), missing.end());
-  statistics->set_active_block_coverage(
-      all == 0 ? 1.0 : static_cast<double>(statistics->active_block_count()) / all);
+  cost->missing_shards = missing;
+  cost->active_block_coverage =
+      all == 0 ? 1.0 : static_cast<double>(cost->total.active_block_count) / all;
   metrics_.frames.partial.Add();
   return absl::OkStatus();
 }

@@ -41,7 +41,9 @@
 #include "server/frame/active_blocks.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/frame_coordinator.h"
+#include "server/frame/render_statistics.h"
 #include "server/metrics/coordinator_metrics.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::server {
 
@@ -69,16 +71,7 @@ struct FrameTarget {
   SelectedVolume selected;  // `dataset` is its dataset
 };
 
-// A client's request as agents read it, and its conversion. The two always agree.
-struct AskedFrame {
-  isoscope::v1::RenderIsosurfaceRequest request;
-  frame::FrameSpec spec;
-  bool with_all_fields = false;  // the agents must have the volumes of all fields
-};
-
-// Makes caps carry the normal of the surface. Caps that show samples have a colour, but no normal,
-// so planes and picks request those of the surface.
-void ShowSurfacesOnCaps(AskedFrame* asked);
+using wire::AskedFrame;
 
 // A frame apart from its content: caller, deadline and observers. All objects that it points to
 // outlive the frame.
@@ -140,7 +133,7 @@ class FrameRunner {
   // has.
   absl::Status AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
                                 const FrameTarget& target, const std::vector<FramePart>& parts,
-                                isoscope::v1::RenderStatistics* statistics);
+                                FrameCost* cost);
 
   // Returns the parts of a request that is not a frame.
   [[nodiscard]] std::vector<FramePart> PartsOf(const DatasetState& dataset) const {
@@ -174,10 +167,6 @@ class FrameRunner {
     return has_trace ? memory_.trace_bytes() : 0;
   }
   class Attempt;
-  // Resolves field and step, and the ranges of colours by a field.
-  static absl::StatusOr<SelectedVolume> Select(const std::shared_ptr<const DatasetState>& found,
-                                               AskedFrame* asked);
-
   // Resolves the camera of the frame. Asks an agent for the box of the surface if the camera fits
   // it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,

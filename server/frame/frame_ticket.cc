@@ -8,15 +8,13 @@
 
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "rpc/channel.h"
-#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
-
-namespace v1 = isoscope::v1;
 
 // Bytes reserved in a message for all fields but picture and planes.
 constexpr std::size_t kOtherFieldsBytes = base::kMiB;
@@ -97,6 +95,15 @@ void FrameTicket::Schedule(std::function<void()> work) {
     lost_turn_ = turn;
     work();
   });
+}
+
+absl::Status FrameTicket::Run(const frame::FrameSpec& spec, const FrameCost& cost,
+                              absl::FunctionRef<absl::Status()> work) {
+  BeginWork();
+  absl::Status status = base::OrNoMemory(absl::StrCat("the ", claim_.noun),
+                                         [&] { return lost_turn_.ok() ? work() : lost_turn_; });
+  EndWork(spec, status, cost);
+  return status;
 }
 
 void FrameTicket::BeginWork() {
@@ -180,11 +187,11 @@ void FrameTicket::EndRequest(RequestMethod method, const absl::Status& status) c
 }
 
 void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& status,
-                          const v1::RenderStatistics& statistics) {
-  Log(spec, status, statistics);
+                          const FrameCost& cost) {
+  Log(spec, status, cost);
   CountEnd(status);
   if (status.ok()) {
-    CountSteps(statistics);
+    CountSteps(cost);
   }
   on_board_.reset();
   // Before the client gets its answer, so that its next request finds a free place and share.
@@ -208,23 +215,18 @@ void FrameTicket::CountEnd(const absl::Status& status) const {
   metrics->CountFrame(status, base::MonotonicNow() - start_, claim_.is_moving, caller.name());
 }
 
-void FrameTicket::CountSteps(const v1::RenderStatistics& statistics) const {
+void FrameTicket::CountSteps(const FrameCost& cost) const {
   CoordinatorMetrics* const metrics = runner_.metrics();
-  const v1::StepDurations& durations = statistics.durations();
-  using wire::DurationFromProto;
-  metrics->durations.occluder_selection.Observe(
-      DurationFromProto(durations.occluder_selection_duration()));
-  metrics->durations.occluder_rendering.Observe(
-      DurationFromProto(durations.occluder_rendering_duration()));
-  metrics->durations.visibility_culling.Observe(
-      DurationFromProto(durations.visibility_culling_duration()));
-  metrics->durations.composite.Observe(DurationFromProto(durations.composite_duration()));
-  metrics->durations.encode.Observe(DurationFromProto(durations.encode_duration()));
-  metrics->network_bytes.Add(statistics.network_bytes());
+  metrics->durations.occluder_selection.Observe(cost.occluder_selection);
+  metrics->durations.occluder_rendering.Observe(cost.occluder_rendering);
+  metrics->durations.visibility_culling.Observe(cost.visibility_culling);
+  metrics->durations.composite.Observe(cost.composite);
+  metrics->durations.encode.Observe(cost.encode.value_or(absl::ZeroDuration()));
+  metrics->network_bytes.Add(cost.network_bytes);
 }
 
 void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
-                      const v1::RenderStatistics& statistics) const {
+                      const FrameCost& cost) const {
   const std::string duration = base::LogMilliseconds(base::MonotonicNow() - start_);
   if (!status.ok()) {
     // Moving views cancel frames all the time.
@@ -249,9 +251,9 @@ void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
                    {"width", frame::ImageSizeOf(spec).width_px},
                    {"height", frame::ImageSizeOf(spec).height_px},
                    {"duration_ms", duration},
-                   {"triangles", statistics.triangle_count()},
-                   {"agents", statistics.agents_size()},
-                   {"network_bytes", statistics.network_bytes()},
+                   {"triangles", cost.total.triangle_count},
+                   {"agents", cost.agents.size()},
+                   {"network_bytes", cost.network_bytes},
                    {"caller", origin_.caller.name()},
                    {"peer", origin_.client}});
   }

@@ -23,23 +23,21 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
 #include "core/base/memory_budget.h"
 #include "core/base/monotonic_time.h"
-#include "core/base/no_memory.h"
 #include "core/base/printable.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
-#include "isoscope/v1/frame.pb.h"
 #include "server/access/access_control.h"
 #include "server/access/audit_log.h"
 #include "server/admission/call_turn.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/admission/frame_board.h"
 #include "server/frame/frame_runner.h"
+#include "server/frame/render_statistics.h"
 
 namespace isoscope::server {
 
@@ -83,17 +81,10 @@ class FrameTicket {
   void Schedule(std::function<void()> work);
   void Cancel() { turn_.Cancel(); }
 
-  // Runs `work`, which fills `response`, if the turn has come, and ends the frame. Returns the
-  // status of `work`, the reason why the turn was lost, or RESOURCE_EXHAUSTED if memory runs out.
-  template <typename Response>
-  absl::Status Run(const AskedFrame& asked, Response* response,
-                   absl::FunctionRef<absl::Status()> work) {
-    BeginWork();
-    absl::Status status = base::OrNoMemory(absl::StrCat("the ", claim_.noun),
-                                           [&] { return lost_turn_.ok() ? work() : lost_turn_; });
-    EndWork(asked.spec, status, response->statistics());
-    return status;
-  }
+  // Runs `work`, which sets `cost`, if the turn has come, and ends the frame. Returns the status of
+  // `work`, the reason why the turn was lost, or RESOURCE_EXHAUSTED if memory runs out.
+  absl::Status Run(const frame::FrameSpec& spec, const FrameCost& cost,
+                   absl::FunctionRef<absl::Status()> work);
   // Call in Run: takes the memory of the frame, then finds its target (FrameRunner). Blocks.
   //
   // trace: null: no trace was asked for
@@ -128,13 +119,11 @@ class FrameTicket {
   absl::Status TakePlaceUncounted(const frame::FrameSpec& spec);
   void BeginWork();
   // Logs and counts the frame, and returns its place.
-  void EndWork(const frame::FrameSpec& spec, const absl::Status& status,
-               const isoscope::v1::RenderStatistics& statistics);
+  void EndWork(const frame::FrameSpec& spec, const absl::Status& status, const FrameCost& cost);
   // Counts a frame that ended, or that lost its place before its turn.
   void CountEnd(const absl::Status& status) const;
-  void CountSteps(const isoscope::v1::RenderStatistics& statistics) const;
-  void Log(const frame::FrameSpec& spec, const absl::Status& status,
-           const isoscope::v1::RenderStatistics& statistics) const;
+  void CountSteps(const FrameCost& cost) const;
+  void Log(const frame::FrameSpec& spec, const absl::Status& status, const FrameCost& cost) const;
 
   FrameRunner& runner_;
   const FrameOrigin origin_;

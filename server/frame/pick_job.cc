@@ -23,22 +23,6 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-v1::PickedPoint ToProto(const std::optional<PixelPoint>& point) {
-  v1::PickedPoint proto;
-  if (!point.has_value()) {
-    return proto;
-  }
-  proto.set_is_hit(true);
-  *proto.mutable_position() = wire::ToProto(point->position);
-  proto.set_depth(point->distance);
-  proto.set_surface_index(static_cast<std::int32_t>(point->surface_index));
-  if (point->normal.has_value()) {
-    *proto.mutable_normal() = wire::ToProto(*point->normal);
-  }
-  proto.set_block_id(point->block_id);
-  return proto;
-}
-
 void SetLabel(const v1::Dataset& dataset, double value, v1::PickedPoint* point) {
   point->set_label(value);
   for (const v1::Label& label : dataset.labels()) {
@@ -46,6 +30,34 @@ void SetLabel(const v1::Dataset& dataset, double value, v1::PickedPoint* point) 
       point->set_label_name(label.name());
     }
   }
+}
+
+v1::PickedPoint ToProto(const PixelPoint& seen, const PointAnswer& answer,
+                        const FrameTarget& target) {
+  v1::PickedPoint proto;
+  proto.set_is_hit(true);
+  *proto.mutable_position() = wire::ToProto(seen.position);
+  proto.set_depth(seen.distance);
+  proto.set_surface_index(static_cast<std::int32_t>(seen.surface_index));
+  if (seen.normal.has_value()) {
+    *proto.mutable_normal() = wire::ToProto(*seen.normal);
+  }
+  proto.set_block_id(seen.block_id);
+  proto.set_shard_index(*answer.shard_index);
+  if (answer.label.has_value()) {
+    SetLabel(target.dataset->dataset, *answer.label, &proto);
+  } else if (answer.gradient.has_value()) {
+    *proto.mutable_gradient() = wire::ToProto(*answer.gradient);
+  }
+  const std::vector<FieldVolume>& fields = target.selected.all_fields;
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    v1::FieldValue* const value = proto.add_field_values();
+    value->set_field(fields[i].field);
+    value->set_component(fields[i].component);
+    value->set_unit(fields[i].unit);
+    value->set_value(answer.values[i]);
+  }
+  return proto;
 }
 
 // Returns true if a pixel of the drawn region shows a cap, by the depth of its fragment: that of a
@@ -62,107 +74,94 @@ bool ShowsCap(const view::ClipCrossingFinder& crossings, const wire::PixelPositi
 absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTicket> ticket,
                                                         const Request& request) {
   ISOSCOPE_ASSIGN_OR_RETURN(wire::PickSpec pick, wire::PickSpecFromProto(request));
-  if (pick.request.with_trace()) {
+  if (pick.asked.with_trace) {
     return absl::InvalidArgumentError(
         "frame.with_trace is set: must be unset, picks have no trace");
   }
-  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(pick.frame));
+  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(pick.asked.spec));
   return std::unique_ptr<PickJob>(new PickJob(std::move(ticket), std::move(pick)));
 }
 
 PickJob::PickJob(std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick)
-    : ticket_(std::move(ticket)),
-      asked_{std::move(pick.request), std::move(pick.frame), pick.with_field_values},
-      pixels_(std::move(pick.pixels)) {}
+    : ticket_(std::move(ticket)), asked_(std::move(pick.asked)), pixels_(std::move(pick.pixels)) {}
 
 absl::Status PickJob::Run(Response* response) {
-  return ticket_->Run(asked_, response, [&] { return TryRun(response); });
+  return ticket_->Run(asked_.spec, cost_, [&] { return TryRun(response); });
 }
 
 absl::Status PickJob::TryRun(Response* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, /*trace=*/nullptr));
-  *response->mutable_camera() = asked_.request.camera();
+  std::vector<FramePart> parts = target.parts;
+  FrameRunner* const runner = ticket_->runner();
+  const FrameIdentity identity = ticket_->Identity();
+  ISOSCOPE_ASSIGN_OR_RETURN(drawn_, runner->Run(identity, asked_, target, &parts));
+  cost_ = CostOf(drawn_);
+  ISOSCOPE_RETURN_IF_ERROR(runner->AddMissingShards(identity, asked_, target, parts, &cost_));
+  base::RunIn(runner->arena(), [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  const frame::FrameSpec& spec = asked_.spec;
+  const view::ClipCrossingFinder crossings(target.view,
+                                           view::Clipper(spec.clip, target.view.geometry()));
+  for (const wire::PixelPosition& pixel : pixels_) {
+    const int x = pixel.x - spec.region->x;
+    const int y = pixel.y - spec.region->y;
+    const float depth = image::DepthOf(drawn_.image.keys[drawn_.image.IndexOf(x, y)]);
+    points_.push_back(
+        {.seen = PointAt(drawn_.image, x, y, target.view, target.order, spec.sends_normals),
+         .is_on_cap = spec.caps.has_value() && ShowsCap(crossings, pixel, depth),
+         .answer = {}});
+  }
+  ISOSCOPE_RETURN_IF_ERROR(AskAgentsOfPoints(target, parts));
+
+  *response->mutable_camera() = wire::ToProto(*spec.camera);
+  *response->mutable_statistics() = ToProto(cost_);
   if (target.selected.selection.has_value()) {
     *response->mutable_selection() = *target.selected.selection;
   }
   if (target.selected.time.has_value()) {
     response->set_time(*target.selected.time);
   }
-  asked_.spec.sends_normals = true;
-  ShowSurfacesOnCaps(&asked_);
-  std::vector<FramePart> parts = target.parts;
-  FrameRunner* const runner = ticket_->runner();
-  const FrameIdentity identity = ticket_->Identity();
-  ISOSCOPE_ASSIGN_OR_RETURN(drawn_, runner->Run(identity, asked_, target, &parts));
-  *response->mutable_statistics() = StatisticsOf(drawn_);
-  ISOSCOPE_RETURN_IF_ERROR(
-      runner->AddMissingShards(identity, asked_, target, parts, response->mutable_statistics()));
-  base::RunIn(runner->arena(), [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
-  const view::ClipCrossingFinder crossings(target.view,
-                                           view::Clipper(asked_.spec.clip, target.view.geometry()));
-  for (const wire::PixelPosition& pixel : pixels_) {
-    const int x = pixel.x - asked_.spec.region->x;
-    const int y = pixel.y - asked_.spec.region->y;
+  for (const Point& point : points_) {
     *response->add_points() =
-        ToProto(PointAt(drawn_.image, x, y, target.view, target.order, asked_.spec.sends_normals));
-    const float depth = image::DepthOf(drawn_.image.keys[drawn_.image.IndexOf(x, y)]);
-    shows_cap_.push_back(asked_.spec.caps.has_value() && ShowsCap(crossings, pixel, depth));
+        point.seen.has_value() ? ToProto(*point.seen, point.answer, target) : v1::PickedPoint();
   }
-  return AskAgentsOfPoints(target, parts, response);
+  return absl::OkStatus();
 }
 
 absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
-                                        const std::vector<FramePart>& parts, Response* response) {
-  std::vector<ShownPoint> points;
-  std::vector<v1::PickedPoint*> hits;
-  for (std::size_t i = 0; i < pixels_.size(); ++i) {
-    v1::PickedPoint& point = *response->mutable_points(static_cast<int>(i));
-    if (point.is_hit()) {
+                                        const std::vector<FramePart>& parts) {
+  std::vector<ShownPoint> shown;
+  std::vector<Point*> hits;
+  for (Point& point : points_) {
+    if (point.seen.has_value()) {
       hits.push_back(&point);
-      const math::Vec3d position = {point.position().x(), point.position().y(),
-                                    point.position().z()};
-      const auto surface = static_cast<std::size_t>(point.surface_index());
-      points.push_back({.position = position,
-                        .block_id = static_cast<volume::BlockId>(point.block_id()),
-                        .rule = asked_.spec.surfaces[surface].rule,
-                        .is_on_cap = shows_cap_[i]});
+      shown.push_back({.position = point.seen->position,
+                       .block_id = static_cast<volume::BlockId>(point.seen->block_id),
+                       .rule = asked_.spec.surfaces[point.seen->surface_index].rule,
+                       .is_on_cap = point.is_on_cap});
     }
   }
-  if (points.empty()) {
+  if (hits.empty()) {
     return absl::OkStatus();
   }
-  const std::vector<FieldVolume>& fields = target.selected.all_fields;
   std::vector<std::string> volume_ids;
-  for (const FieldVolume& field : fields) {
+  for (const FieldVolume& field : target.selected.all_fields) {
     volume_ids.push_back(field.dataset_id);
   }
-  const QueryOutcome<std::vector<PointAnswer>> outcome =
-      AskPoints({target.dataset->dataset.dataset_id(), parts}, points, volume_ids,
+  QueryOutcome<std::vector<PointAnswer>> outcome =
+      AskPoints({target.dataset->dataset.dataset_id(), parts}, shown, volume_ids,
                 ticket_->request(), ticket_->cancellation());
   ticket_->runner()->ReportQuery(ticket_->request(), outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   for (std::size_t i = 0; i < hits.size(); ++i) {
-    const PointAnswer& answer = (*outcome.result)[i];
-    if (!answer.shard_index.has_value() || answer.values.size() != fields.size()) {
+    PointAnswer& answer = hits[i]->answer;
+    answer = std::move((*outcome.result)[i]);
+    if (!answer.shard_index.has_value() || answer.values.size() != volume_ids.size()) {
       return absl::InternalError(
-          absl::StrCat("a pixel shows block ", hits[i]->block_id(), ", which no agent has"));
+          absl::StrCat("a pixel shows block ", shown[i].block_id, ", which no agent has"));
     }
-    hits[i]->set_shard_index(*answer.shard_index);
-    if (points[i].rule.has_labels()) {
-      if (!answer.label.has_value()) {
-        return absl::InternalError(absl::StrCat("a pixel shows block ", hits[i]->block_id(),
-                                                ", where no agent found a label"));
-      }
-      SetLabel(target.dataset->dataset, *answer.label, hits[i]);
-    } else if (answer.gradient.has_value()) {
-      *hits[i]->mutable_gradient() = wire::ToProto(*answer.gradient);
-    }
-    for (std::size_t k = 0; k < fields.size(); ++k) {
-      v1::FieldValue* const out = hits[i]->add_field_values();
-      out->set_field(fields[k].field);
-      out->set_component(fields[k].component);
-      out->set_unit(fields[k].unit);
-      out->set_value(answer.values[k]);
+    if (shown[i].rule.has_labels() && !answer.label.has_value()) {
+      return absl::InternalError(absl::StrCat("a pixel shows block ", shown[i].block_id,
+                                              ", where no agent found a label"));
     }
   }
   return absl::OkStatus();

@@ -6,14 +6,17 @@
 #define ISOSCOPE_SERVER_FRAME_PICK_JOB_H_
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "server/frame/agent_queries.h"
 #include "server/frame/frame_runner.h"
 #include "server/frame/frame_ticket.h"
+#include "server/picture/frame_output.h"
 #include "wire/pick_convert.h"
 
 namespace isoscope::server {
@@ -32,18 +35,25 @@ class PickJob {
   absl::Status Run(Response* response);
 
  private:
+  // What a pixel shows.
+  struct Point {
+    std::optional<PixelPoint> seen;  // not set: the background
+    bool is_on_cap = false;
+    PointAnswer answer;  // of the agents
+  };
+
   PickJob(std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick);
 
   absl::Status TryRun(Response* response);
-  // Adds the shards, gradients and values of fields of all points that were hit.
-  absl::Status AskAgentsOfPoints(const FrameTarget& target, const std::vector<FramePart>& parts,
-                                 Response* response);
+  // Sets the shards, gradients and values of fields of all points that were hit.
+  absl::Status AskAgentsOfPoints(const FrameTarget& target, const std::vector<FramePart>& parts);
 
   const std::shared_ptr<FrameTicket> ticket_;
   AskedFrame asked_;  // has a region
   const std::vector<wire::PixelPosition> pixels_;
   FrameResult drawn_;
-  std::vector<bool> shows_cap_;  // by pixel
+  FrameCost cost_;
+  std::vector<Point> points_;  // by pixel
 };
 
 }  // namespace isoscope::server

@@ -96,17 +96,22 @@ void MoveInto(FrameOutput output, frame::ImageFormat format,
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(std::shared_ptr<FrameTicket> ticket,
-                                                              const Request& request,
+                                                              const Request& request) {
+  ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked, wire::AskedFrameFromProto(request));
+  return Admit(std::move(ticket), std::move(asked), /*depth_grid_side=*/0);
+}
+
+absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(std::shared_ptr<FrameTicket> ticket,
+                                                              AskedFrame asked,
                                                               int depth_grid_side) {
-  ISOSCOPE_ASSIGN_OR_RETURN(frame::FrameSpec spec, wire::FrameSpecFromProto(request));
-  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(spec));
+  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(asked.spec));
   return std::unique_ptr<PictureJob>(
-      new PictureJob(std::move(ticket), {request, std::move(spec)}, depth_grid_side));
+      new PictureJob(std::move(ticket), std::move(asked), depth_grid_side));
 }
 
 PictureJob::PictureJob(std::shared_ptr<FrameTicket> ticket, AskedFrame asked, int depth_grid_side)
     : ticket_(std::move(ticket)), asked_(std::move(asked)), depth_grid_side_(depth_grid_side) {
-  if (asked_.request.with_trace()) {
+  if (asked_.with_trace) {
     trace_ = std::make_unique<Trace>(ticket_->runner()->max_own_spans());
   }
 }
@@ -128,7 +133,7 @@ void PictureJob::ReleaseImages() {
 }
 
 absl::Status PictureJob::Run(Response* response, absl::FunctionRef<void()> on_drawn) {
-  return ticket_->Run(asked_, response, [&]() -> absl::Status {
+  return ticket_->Run(asked_.spec, cost_, [&]() -> absl::Status {
     const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
     ISOSCOPE_RETURN_IF_ERROR(TryRun(response, on_drawn));
     if (trace_ != nullptr) {
@@ -157,9 +162,22 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
+  ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(target.dataset->dataset, &asked_.spec));
+  parts_ = target.parts;
+  FrameOutput output;
+  ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
   ISOSCOPE_RETURN_IF_ERROR(
-      wire::ResolveColorRanges(target.dataset->dataset, &asked_.request, &asked_.spec));
-  *response->mutable_camera() = asked_.request.camera();
+      ticket_->runner()->AddMissingShards(Identity(), asked_, target, parts_, &cost_));
+  ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+  ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
+  ticket_->CountAnswer(output.size_bytes());
+  FillResponse(target, std::move(output), response);
+  return absl::OkStatus();
+}
+
+void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
+                              Response* response) const {
+  *response->mutable_camera() = wire::ToProto(*asked_.spec.camera);
   *response->mutable_extent() = wire::ToProto(target.view.image_size());
   if (target.selected.selection.has_value()) {
     *response->mutable_selection() = *target.selected.selection;
@@ -167,55 +185,46 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   if (target.selected.time.has_value()) {
     response->set_time(*target.selected.time);
   }
-
-  parts_ = target.parts;
-  FrameOutput output;
-  v1::RenderStatistics* const statistics = response->mutable_statistics();
-  ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output, statistics));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ticket_->runner()->AddMissingShards(Identity(), asked_, target, parts_, statistics));
+  *response->mutable_statistics() = ToProto(cost_);
   AddColorings(asked_.spec, target.view.geometry(), contents_, response);
-  ISOSCOPE_RETURN_IF_ERROR(AddNotes(target, response));
-  ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
-  ticket_->CountAnswer(output.size_bytes());
+  response->mutable_notes()->Assign(notes_.begin(), notes_.end());
   MoveInto(std::move(output), asked_.spec.output.image_format, response);
-  return absl::OkStatus();
 }
 
-absl::Status PictureJob::AddNotes(const FrameTarget& target, Response* response) {
+absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   // The blocks of missing shards may hold what does not show.
-  if (!asked_.request.with_notes() || response->statistics().missing_shards_size() > 0) {
+  if (!asked_.with_notes || !cost_.missing_shards.empty()) {
     return absl::OkStatus();
   }
   ReleaseImages();
   const base::TraceScope trace(recorder(), "notes");
   const FrameIdentity identity = Identity();
-  const absl::StatusOr<std::vector<v1::SurfaceNote>> notes = NotesOf({.runner = ticket_->runner(),
-                                                                      .identity = &identity,
-                                                                      .asked = &asked_,
-                                                                      .target = &target,
-                                                                      .parts = &parts_,
-                                                                      .shown = contents_.shown});
+  absl::StatusOr<std::vector<v1::SurfaceNote>> notes = NotesOf({.runner = ticket_->runner(),
+                                                                .identity = &identity,
+                                                                .spec = &asked_.spec,
+                                                                .target = &target,
+                                                                .parts = &parts_,
+                                                                .shown = contents_.shown});
   if (!notes.ok()) {
     base::LogWarning("notes_failed",
                      {{"request", ticket_->request().request_id()}, {"status", notes.status()}});
     return absl::IsCancelled(notes.status()) ? notes.status() : absl::OkStatus();
   }
-  response->mutable_notes()->Assign(notes->begin(), notes->end());
+  notes_ = *std::move(notes);
   return absl::OkStatus();
 }
 
 absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
-                                      FrameOutput* output, v1::RenderStatistics* statistics) {
+                                      FrameOutput* output) {
   const bool has_picture = asked_.spec.output.image_format != frame::ImageFormat::kNone;
   for (;;) {
     if (has_picture) {
-      ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output, statistics));
+      ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output));
     }
     const std::size_t part_count = parts_.size();
     if (NeedsPlanes(asked_.spec.output, *output)) {
       ReleaseImages();
-      ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output, statistics));
+      ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output));
     }
     if (!has_picture || parts_.size() == part_count) {
       return absl::OkStatus();
@@ -223,14 +232,13 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
     // The picture has shards that the planes lack.
     ReleaseImages();
     *output = FrameOutput();
-    statistics->Clear();
+    cost_ = FrameCost();
   }
 }
 
 // Draws the picture, and fills the planes that its pixels give: all but normals, with one sample.
 absl::Status PictureJob::RenderPicture(const FrameTarget& target,
-                                       absl::FunctionRef<void()> on_drawn, FrameOutput* output,
-                                       v1::RenderStatistics* statistics) {
+                                       absl::FunctionRef<void()> on_drawn, FrameOutput* output) {
   const frame::DrawnWindow window = frame::DrawnWindowOf(asked_.spec);
   std::optional<FrameTarget> larger;
   if (!window.is_picture_of(asked_.spec)) {
@@ -241,7 +249,7 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   }
   const FrameTarget& drawn = larger.has_value() ? *larger : target;
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(drawn, window, Content::kPicture));
-  *statistics = StatisticsOf(result);
+  cost_ = CostOf(result);
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
   on_drawn();
@@ -249,21 +257,19 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "finish picture");
   ISOSCOPE_RETURN_IF_ERROR(base::RunIn(ticket_->runner()->arena(), [&] {
-    return FinishAndEncode(target, window, drawn.view, output, statistics);
+    return FinishAndEncode(target, window, drawn.view, output);
   }));
   if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
-    statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
+    cost_.png_bytes = static_cast<std::int64_t>(output->image.size());
   }
-  *statistics->mutable_durations()->mutable_encode_duration() =
-      wire::ToProto(base::MonotonicNow() - encode_start);
+  cost_.encode = base::MonotonicNow() - encode_start;
   return absl::OkStatus();
 }
 
 // Finishes and encodes the pixels that were drawn in `window`, in the arena of the caller.
 absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
                                          const frame::DrawnWindow& window,
-                                         const view::View& drawn_view, FrameOutput* output,
-                                         v1::RenderStatistics* statistics) {
+                                         const view::View& drawn_view, FrameOutput* output) {
   const frame::FrameSpec& spec = asked_.spec;
   const bool is_picture = window.is_picture_of(spec);
   if (spec.output.normal && is_picture && CarriesNormalPlane(spec, layers_)) {
@@ -281,12 +287,12 @@ absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
                                             .order = target.order,
                                             .layers = &layers_,
                                             .images = ticket_->runner()->images(),
-                                            .finds_shown_surfaces = asked_.request.with_notes()},
+                                            .finds_shown_surfaces = asked_.with_notes},
                                            &drawn_);
   image_ = std::move(finished.image);
   contents_ = finished.contents;
   shade.End();
-  statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
+  cost_.truncated_pixel_count = finished.truncated_pixel_count;
   base::TraceScope encode(recorder(), EncodingOf(spec.output.image_format).name);
   ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec));
   encode.End();
@@ -298,14 +304,13 @@ absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
 
 // Draws the planes that are still missing, with one sample. A frame whose pixels carry normals has
 // the same depths and surfaces as one with colours.
-absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* output,
-                                      v1::RenderStatistics* statistics) {
+absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* output) {
   const frame::FrameSpec& spec = asked_.spec;
   const frame::DrawnWindow plain{.viewport = spec.viewport, .region = spec.region};
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(target, plain, Content::kPlanes));
   const bool is_first = spec.output.image_format == frame::ImageFormat::kNone;
   if (is_first) {
-    *statistics = StatisticsOf(result);
+    cost_ = CostOf(result);
   }
   image_ = std::move(result.image);
   layers_ = std::move(result.layers);
@@ -313,7 +318,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "planes");
   base::RunIn(ticket_->runner()->arena(), [&] {
-    if (is_first && asked_.request.with_notes()) {
+    if (is_first && asked_.with_notes) {
       contents_ = picture::FindContents(
           {.spec = &spec, .order = target.order, .image = &image_, .layers = &layers_},
           {0, 0, image_.width, image_.height}, /*with_shown=*/true);
@@ -327,35 +332,25 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
     }
   });
   if (is_first) {
-    *statistics->mutable_durations()->mutable_encode_duration() =
-        wire::ToProto(base::MonotonicNow() - encode_start);
+    cost_.encode = base::MonotonicNow() - encode_start;
   }
   return absl::OkStatus();
 }
 
-// Lets the agents draw a window. They see a frame of its own, without samples and effects.
+// Lets the agents draw a window. It is a frame of its own, without effects.
 absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
                                              const frame::DrawnWindow& window, Content content) {
   AskedFrame of_window = asked_;
   frame::FrameSpec& spec = of_window.spec;
-  Request& request = of_window.request;
   spec.viewport = window.viewport;
   spec.region = window.region;
-  spec.effects = {};
   if (content == Content::kPicture) {
+    spec.effects = {};
     spec.sends_normals = picture::NeedsDeferredShading(spec);
     spec.sends_map_steps = frame::ShowsValues(spec);
   } else {
-    spec.sends_normals = spec.output.normal;
-    ShowSurfacesOnCaps(&of_window);
+    spec = frame::WithoutLook(std::move(spec), spec.output.normal);
   }
-  *request.mutable_viewport() = wire::ToProto(window.viewport);
-  if (window.region.has_value()) {
-    *request.mutable_region() = wire::ToProto(*window.region);
-  }
-  request.clear_samples();
-  request.clear_ambient_occlusion();
-  request.clear_silhouette();
   const base::TraceScope trace(recorder(), "agents");
   return ticket_->runner()->Run(Identity(), of_window, target, &parts_);
 }

@@ -49,11 +49,12 @@ class PictureJob {
   using Request = isoscope::v1::RenderIsosurfaceRequest;
   using Response = isoscope::v1::RenderIsosurfaceResponse;
 
+  static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(std::shared_ptr<FrameTicket> ticket,
+                                                           const Request& request);
   // depth_grid_side: points on the longer side of the picture's depth grid; 0: none is made. A
   // region that is drawn with a margin has none.
   static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(std::shared_ptr<FrameTicket> ticket,
-                                                           const Request& request,
-                                                           int depth_grid_side = 0);
+                                                           AskedFrame asked, int depth_grid_side);
 
   // Renders the frame into `response`. Blocks. Calls `on_drawn` once the agents have drawn a
   // picture, before it is encoded. Errors as IsosurfaceService says. Call once.
@@ -78,16 +79,16 @@ class PictureJob {
 
   absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
-                            FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+                            FrameOutput* output);
   absl::Status RenderPicture(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
-                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+                             FrameOutput* output);
   absl::Status FinishAndEncode(const FrameTarget& target, const frame::DrawnWindow& window,
-                               const view::View& drawn_view, FrameOutput* output,
-                               isoscope::v1::RenderStatistics* statistics);
-  absl::Status RenderPlanes(const FrameTarget& target, FrameOutput* output,
-                            isoscope::v1::RenderStatistics* statistics);
-  // Adds the notes on surfaces. A picture without them is still right.
-  absl::Status AddNotes(const FrameTarget& target, Response* response);
+                               const view::View& drawn_view, FrameOutput* output);
+  absl::Status RenderPlanes(const FrameTarget& target, FrameOutput* output);
+  // Finds the notes on surfaces. A picture without them is still right.
+  absl::Status FindNotes(const FrameTarget& target);
+  // Converts all but the trace.
+  void FillResponse(const FrameTarget& target, FrameOutput output, Response* response) const;
   absl::StatusOr<FrameResult> Draw(const FrameTarget& target, const frame::DrawnWindow& window,
                                    Content content);
   [[nodiscard]] FrameIdentity Identity();
@@ -103,6 +104,8 @@ class PictureJob {
   std::optional<DepthGrid> depth_grid_;
   std::unique_ptr<Trace> trace_;  // null: none is asked for
   std::vector<FramePart> parts_;  // of the target, without those that were lost meanwhile
+  FrameCost cost_;
+  std::vector<isoscope::v1::SurfaceNote> notes_;
   image::FrameImage image_;
   image::FrameImage drawn_;   // if it differs from image_
   image::LayerStack layers_;  // layers of the drawn image

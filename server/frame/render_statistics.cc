@@ -1,39 +1,63 @@
 #include "server/frame/render_statistics.h"
 
-#include <vector>
-
 #include "wire/proto_convert.h"
 
 namespace isoscope::server {
 
-isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
-  isoscope::v1::RenderStatistics sum;
-  std::vector<frame::SurfaceStatistics> surfaces;
+FrameCost CostOf(const FrameResult& result) {
+  FrameCost cost;
   for (const frame::AgentStatistics& agent : result.agents) {
-    sum.set_active_block_count(sum.active_block_count() + agent.active_block_count);
-    sum.set_occluding_block_count(sum.occluding_block_count() + agent.occluding_block_count);
-    sum.set_visible_block_count(sum.visible_block_count() + agent.visible_block_count);
-    sum.set_triangle_count(sum.triangle_count() + agent.triangle_count);
-    sum.set_unique_vertex_count(sum.unique_vertex_count() + agent.unique_vertex_count);
-    sum.set_read_bytes(sum.read_bytes() + agent.read_bytes);
-    *sum.add_agents() = wire::ToProto(agent);
-    frame::AddTo(agent.surfaces, &surfaces);
+    cost.total.active_block_count += agent.active_block_count;
+    cost.total.occluding_block_count += agent.occluding_block_count;
+    cost.total.visible_block_count += agent.visible_block_count;
+    cost.total.triangle_count += agent.triangle_count;
+    cost.total.unique_vertex_count += agent.unique_vertex_count;
+    cost.total.read_bytes += agent.read_bytes;
+    frame::AddTo(agent.surfaces, &cost.total.surfaces);
   }
-  for (const frame::SurfaceStatistics& surface : surfaces) {
-    *sum.add_surfaces() = wire::ToProto(surface);
+  cost.agents = result.agents;
+  cost.ray_hit_block_count = result.ray_hit_block_count;
+  cost.network_bytes = result.network_bytes;
+  cost.occluder_selection = result.occluder_selection_duration;
+  cost.occluder_rendering = result.occluder_rendering_duration;
+  cost.visibility_culling = result.visibility_culling_duration;
+  cost.composite = result.composite_duration;
+  return cost;
+}
+
+isoscope::v1::RenderStatistics ToProto(const FrameCost& cost) {
+  isoscope::v1::RenderStatistics proto;
+  const frame::AgentStatistics& total = cost.total;
+  proto.set_active_block_count(total.active_block_count);
+  proto.set_occluding_block_count(total.occluding_block_count);
+  proto.set_visible_block_count(total.visible_block_count);
+  proto.set_culled_block_count(total.active_block_count - total.visible_block_count);
+  proto.set_triangle_count(total.triangle_count);
+  proto.set_unique_vertex_count(total.unique_vertex_count);
+  proto.set_read_bytes(total.read_bytes);
+  for (const frame::AgentStatistics& agent : cost.agents) {
+    *proto.add_agents() = wire::ToProto(agent);
   }
-  sum.set_ray_hit_block_count(result.ray_hit_block_count);
-  sum.set_culled_block_count(sum.active_block_count() - sum.visible_block_count());
-  sum.set_network_bytes(result.network_bytes);
-  isoscope::v1::StepDurations* durations = sum.mutable_durations();
-  *durations->mutable_occluder_selection_duration() =
-      wire::ToProto(result.occluder_selection_duration);
-  *durations->mutable_occluder_rendering_duration() =
-      wire::ToProto(result.occluder_rendering_duration);
-  *durations->mutable_visibility_culling_duration() =
-      wire::ToProto(result.visibility_culling_duration);
-  *durations->mutable_composite_duration() = wire::ToProto(result.composite_duration);
-  return sum;
+  for (const frame::SurfaceStatistics& surface : total.surfaces) {
+    *proto.add_surfaces() = wire::ToProto(surface);
+  }
+  proto.set_ray_hit_block_count(cost.ray_hit_block_count);
+  proto.set_network_bytes(cost.network_bytes);
+  proto.set_png_bytes(cost.png_bytes);
+  proto.set_truncated_pixel_count(cost.truncated_pixel_count);
+  isoscope::v1::StepDurations& durations = *proto.mutable_durations();
+  *durations.mutable_occluder_selection_duration() = wire::ToProto(cost.occluder_selection);
+  *durations.mutable_occluder_rendering_duration() = wire::ToProto(cost.occluder_rendering);
+  *durations.mutable_visibility_culling_duration() = wire::ToProto(cost.visibility_culling);
+  *durations.mutable_composite_duration() = wire::ToProto(cost.composite);
+  if (cost.encode.has_value()) {
+    *durations.mutable_encode_duration() = wire::ToProto(*cost.encode);
+  }
+  proto.mutable_missing_shards()->Assign(cost.missing_shards.begin(), cost.missing_shards.end());
+  if (cost.active_block_coverage.has_value()) {
+    proto.set_active_block_coverage(*cost.active_block_coverage);
+  }
+  return proto;
 }
 
 }  // namespace isoscope::server

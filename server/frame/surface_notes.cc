@@ -61,7 +61,7 @@ struct Drawing {
 class NoteSearch {
  public:
   explicit NoteSearch(const NotedFrame& frame)
-      : frame_(frame), spec_(frame.asked->spec), identity_(*frame.identity) {
+      : frame_(frame), spec_(*frame.spec), identity_(*frame.identity) {
     identity_.trace = nullptr;
     identity_.agent_traces = nullptr;
   }
@@ -201,11 +201,11 @@ class NoteSearch {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const FrameResult result,
         Draw(surfaces, {.sees_all = true, .is_clipped = false, .culling = frame::Culling::kNone}));
-    const v1::RenderStatistics statistics = StatisticsOf(result);
-    int drawn = 0;
+    const FrameCost cost = CostOf(result);
+    std::size_t drawn = 0;
     for (std::size_t i = 0; i < spec_.surfaces.size(); ++i) {
       if (surfaces.test(i)) {
-        without.set(i, statistics.surfaces(drawn++).triangle_count() == 0);
+        without.set(i, cost.total.surfaces[drawn++].triangle_count == 0);
       }
     }
     return without;
@@ -234,14 +234,9 @@ class NoteSearch {
   absl::StatusOr<FrameResult> Draw(const SurfaceSet& surfaces, const Drawing& how) {
     AskedFrame plain;
     frame::FrameSpec& spec = plain.spec;
-    v1::RenderIsosurfaceRequest& request = plain.request;
     for (std::size_t i = 0; i < spec_.surfaces.size(); ++i) {
       if (surfaces.test(i)) {
-        const volume::InsideRule& rule = spec_.surfaces[i].rule;
-        spec.surfaces.push_back({.rule = rule});
-        v1::Surface* const surface = request.add_surfaces();
-        surface->set_isovalue(rule.isovalue);
-        surface->mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
+        spec.surfaces.push_back({.rule = spec_.surfaces[i].rule});
       }
     }
     // No drawing has more pixels than the picture, for which memory is reserved.
@@ -249,17 +244,12 @@ class NoteSearch {
                                                               : Smaller(frame::ImageSizeOf(spec_));
     if (!how.sees_all && spec_.region.has_value()) {
       spec.region = spec_.region;
-      *request.mutable_region() = wire::ToProto(*spec.region);
     }
-    *request.mutable_viewport() = wire::ToProto(spec.viewport);
     spec.culling = how.culling;
-    request.set_culling(wire::ToProto(spec.culling));
     const volume::GridGeometry& geometry = frame_.target->view.geometry();
     spec.camera = how.sees_all ? view::MakeDefaultCamera(geometry.Bounds()) : spec_.camera;
-    *request.mutable_camera() = wire::ToProto(*spec.camera);
     if (how.is_clipped) {
       spec.clip = spec_.clip;
-      *request.mutable_clip() = frame_.asked->request.clip();
     }
     FrameTarget target = *frame_.target;
     target.selected.color_dataset_ids.clear();

@@ -19,7 +19,7 @@ namespace isoscope::server {
 struct NotedFrame {
   FrameRunner* runner = nullptr;
   const FrameIdentity* identity = nullptr;
-  const AskedFrame* asked = nullptr;  // with the camera that was used
+  const frame::FrameSpec* spec = nullptr;  // with the camera that was used
   const FrameTarget* target = nullptr;
   const std::vector<FramePart>* parts = nullptr;  // of all shards
   std::bitset<frame::kMaxSurfaces> shown;         // picture::PictureContents

@@ -2,26 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 
 #include "absl/strings/str_cat.h"
 
-#include "core/frame/picture_effects.h"
+#include "core/base/status_macros.h"
 
 namespace isoscope::server {
 namespace {
 
 namespace v1 = isoscope::v1;
 
-std::int32_t Scaled(std::int32_t value, double scale, std::int32_t least) {
-  // Values that are out of range stay out of range, so that the checks of every request find them.
-  return value <= least ? value
-                        : std::max(least, static_cast<std::int32_t>(std::lround(value * scale)));
-}
-
-}  // namespace
-
-absl::Status CheckInteractiveOutput(const v1::ViewState& state) {
+// INVALID_ARGUMENT if a state asks for an output that no stream has.
+absl::Status CheckOutput(const v1::ViewState& state) {
   const v1::OutputOptions& output = state.frame().output();
   if (output.image_format() != v1::OutputOptions::IMAGE_FORMAT_UNSPECIFIED &&
       output.image_format() != v1::OutputOptions::IMAGE_FORMAT_PNG) {
@@ -44,33 +36,29 @@ absl::Status CheckInteractiveOutput(const v1::ViewState& state) {
   return absl::OkStatus();
 }
 
-v1::RenderIsosurfaceRequest MovingRequest(const v1::RenderIsosurfaceRequest& request,
-                                          const MovingQuality& quality) {
-  v1::RenderIsosurfaceRequest moving = request;
-  moving.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
-  moving.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
-  moving.clear_samples();
-  moving.clear_with_notes();
-  if (quality.scale >= 1 || request.has_region()) {
-    return moving;
-  }
-  v1::Viewport& viewport = *moving.mutable_viewport();
-  viewport.set_width_px(Scaled(viewport.width_px(), quality.scale, 1));
-  viewport.set_height_px(Scaled(viewport.height_px(), quality.scale, 1));
-  if (moving.has_ambient_occlusion()) {
-    v1::AmbientOcclusion& occlusion = *moving.mutable_ambient_occlusion();
-    const frame::AmbientOcclusion defaults;
-    if (occlusion.radius_px() == 0) {
-      occlusion.set_radius_px(defaults.radius_px);
-    }
-    occlusion.set_radius_px(Scaled(occlusion.radius_px(), quality.scale, defaults.kMinRadiusPx));
-  }
-  if (moving.has_silhouette()) {
-    v1::Silhouette& silhouette = *moving.mutable_silhouette();
-    if (silhouette.width_px() == 0) {
-      silhouette.set_width_px(frame::Silhouette().width_px);
-    }
-    silhouette.set_width_px(Scaled(silhouette.width_px(), quality.scale, 1));
+}  // namespace
+
+absl::StatusOr<wire::AskedFrame> ExactFrameOf(const v1::ViewState& state) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckOutput(state));
+  return wire::AskedFrameFromProto(state.frame());
+}
+
+absl::StatusOr<wire::AskedFrame> MovingFrameOf(const v1::ViewState& state,
+                                               const MovingQuality& quality) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckOutput(state));
+  v1::RenderIsosurfaceRequest request = state.frame();
+  request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
+  request.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
+  ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame moving, wire::AskedFrameFromProto(request));
+  moving.with_notes = false;
+  frame::FrameSpec& spec = moving.spec;
+  spec.effects.samples_per_side = 1;
+  if (quality.scale < 1 && !spec.region.has_value()) {
+    const auto scaled = [&](int px) {
+      return std::max(1, static_cast<int>(std::lround(px * quality.scale)));
+    };
+    spec.viewport = {scaled(spec.viewport.width_px), scaled(spec.viewport.height_px)};
+    spec.effects = spec.effects.Scaled(quality.scale);
   }
   return moving;
 }

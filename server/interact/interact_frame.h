@@ -1,23 +1,25 @@
-// The requests of an interactive stream's frames, made from the state of its view.
+// The frames of an interactive stream, made from the state of its view.
 
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_FRAME_H_
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_FRAME_H_
 
-#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 
 #include "isoscope/v1/interact_service.pb.h"
 #include "server/interact/rate_control.h"
+#include "wire/frame_convert.h"
 
 namespace isoscope::server {
 
-// INVALID_ARGUMENT if a state can't be rendered because of the output that it asks for.
-absl::Status CheckInteractiveOutput(const isoscope::v1::ViewState& state);
+// Returns the exact frame of a state. Errors as wire::AskedFrameFromProto; INVALID_ARGUMENT also
+// because of the output that the state asks for.
+absl::StatusOr<wire::AskedFrame> ExactFrameOf(const isoscope::v1::ViewState& state);
 
-// Returns the request of a moving frame: a JPEG of one sample. Its sides, and lengths in pixels,
-// are multiplied by `quality.scale`. A region keeps its size, because its borders would fall
-// between pixels.
-isoscope::v1::RenderIsosurfaceRequest MovingRequest(
-    const isoscope::v1::RenderIsosurfaceRequest& request, const MovingQuality& quality);
+// Returns the moving frame of a state: a JPEG of one sample, without notes. Its sides, and lengths
+// in pixels, are multiplied by `quality.scale`. A region keeps its size, because its borders would
+// fall between pixels. Errors as ExactFrameOf; also where a JPEG has none of what is asked for.
+absl::StatusOr<wire::AskedFrame> MovingFrameOf(const isoscope::v1::ViewState& state,
+                                               const MovingQuality& quality);
 
 }  // namespace isoscope::server
 

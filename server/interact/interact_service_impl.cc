@@ -274,21 +274,20 @@ class InteractServiceImpl::InteractCall final
   void Begin(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const MovingQuality quality = rate_.quality();
     const v1::ViewState& state = state_;
-    const v1::RenderIsosurfaceRequest request =
-        start.is_exact ? state.frame() : MovingRequest(state.frame(), quality);
+    absl::StatusOr<AskedFrame> asked =
+        start.is_exact ? ExactFrameOf(state) : MovingFrameOf(state, quality);
     auto ticket =
         std::make_shared<FrameTicket>(options_.runner, origin_,
-                                      FrameClaim{.dataset = request.dataset(),
-                                                 .has_trace = request.with_trace(),
+                                      FrameClaim{.dataset = state.frame().dataset(),
+                                                 .has_trace = state.frame().with_trace(),
                                                  .is_moving = !start.is_exact,
                                                  .client_deadline = deadline_,
                                                  .max_duration = options_.max_frame_duration});
     using Job = absl::StatusOr<std::unique_ptr<PictureJob>>;
-    const absl::Status output = CheckInteractiveOutput(state);
-    Job job = output.ok()
-                  ? PictureJob::Admit(ticket, request,
+    Job job = asked.ok()
+                  ? PictureJob::Admit(ticket, *std::move(asked),
                                       start.is_exact ? kExactGridSide : quality.depth_grid_side)
-                  : Job(output);
+                  : Job(asked.status());
     if (!job.ok()) {
       Audit(*ticket, job.status());
       Refuse(start, job.status());

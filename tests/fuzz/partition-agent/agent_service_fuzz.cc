@@ -29,6 +29,7 @@
 #include "rpc/grpc_time.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/unit/partition-agent/small_dataset.h"
+#include "wire/frame_convert.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::fuzz {
@@ -72,12 +73,10 @@ class Agent {
     begin->add_shard_indices(1);
     begin->set_agent_count(1);
     begin->set_report_active_blocks(true);
-    isoscope::v1::RenderIsosurfaceRequest* const request = begin->mutable_request();
-    request->set_isovalue(testing::SmallDataset::kIsovalue);
-    *request->mutable_camera() = wire::ToProto(*task.spec.camera);
-    request->mutable_viewport()->set_width_px(40);
-    request->mutable_viewport()->set_height_px(30);
-    request->set_culling(culling);
+    frame::FrameSpec spec = task.spec;
+    spec.viewport = {.width_px = 40, .height_px = 30};
+    *begin->mutable_frame() = wire::ToProto(spec);
+    begin->mutable_frame()->set_culling(culling);
     return message;
   }
   [[nodiscard]] const std::string& id() const { return dataset_.manifest().dataset_id; }
@@ -149,9 +148,9 @@ void RequireEnd(const absl::Status& status) {
 }
 
 // Small pictures, so that inputs are many.
-void Bound(isoscope::v1::RenderIsosurfaceRequest* request) {
-  if (request->has_viewport()) {
-    isoscope::v1::Viewport* const viewport = request->mutable_viewport();
+void Bound(v1::FrameSpec* frame) {
+  if (frame->has_viewport()) {
+    isoscope::v1::Viewport* const viewport = frame->mutable_viewport();
     viewport->set_width_px(std::min(viewport->width_px(), kMaxSidePx));
     viewport->set_height_px(std::min(viewport->height_px(), kMaxSidePx));
   }
@@ -177,7 +176,7 @@ void RenderFrame(Input input, bool has_right_dataset, bool waits) {
       continue;
     }
     if (message.has_begin()) {
-      Bound(message.mutable_begin()->mutable_request());
+      Bound(message.mutable_begin()->mutable_frame());
       if (has_right_dataset) {
         message.mutable_begin()->set_dataset_id(TheAgent().id());
       }

@@ -68,17 +68,18 @@ void ReadFrame(absl::string_view bytes) {
   }
   Require(wire::CheckKnownFields(request).ok(), "an accepted request has known fields only");
   RequireFrame(*spec);
-  // The coordinator resolves the camera and passes the message on: agents must accept it.
-  frame::FrameSpec resolved = *spec;
-  const absl::Status status =
-      wire::ResolveCamera({{0, 0, 0}, {10, 10, 10}}, &request, &resolved, std::nullopt);
+  // The coordinator resolves the camera and passes the frame on: agents must accept it.
+  frame::FrameSpec drawn = *spec;
+  const absl::Status status = wire::ResolveCamera({{0, 0, 0}, {10, 10, 10}}, &drawn, std::nullopt);
   if (!status.ok()) {
     RequireRefusal(status);
     return;
   }
-  const auto agent_spec = wire::FrameSpecFromProto(request);
-  Require(agent_spec.ok() && agent_spec->camera == resolved.camera,
-          "agents see the camera that the coordinator resolved");
+  const auto agent_spec = wire::FrameSpecFromProto(wire::ToProto(drawn));
+  drawn.nan_color.reset();
+  drawn.output = {};
+  drawn.effects = {};
+  Require(agent_spec.ok() && *agent_spec == drawn, "agents see the frame that the coordinator has");
 }
 
 void ReadPick(absl::string_view bytes) {
@@ -91,11 +92,12 @@ void ReadPick(absl::string_view bytes) {
     RequireRefusal(spec.status());
     return;
   }
-  RequireFrame(spec->frame);
-  Require(spec->frame.region.has_value() && !spec->pixels.empty() &&
+  const frame::FrameSpec& frame = spec->asked.spec;
+  RequireFrame(frame);
+  Require(frame.region.has_value() && !spec->pixels.empty() &&
               spec->pixels.size() <= static_cast<std::size_t>(wire::kMaxPickedPixels),
           "an accepted pick has pixels, and a region around them");
-  const view::Region& region = *spec->frame.region;
+  const view::Region& region = *frame.region;
   for (const wire::PixelPosition& pixel : spec->pixels) {
     Require(pixel.x >= region.x && pixel.x < region.x + region.width_px && pixel.y >= region.y &&
                 pixel.y < region.y + region.height_px,

@@ -247,12 +247,9 @@ class PartitionAgentServiceTest : public ::testing::Test {
     begin->set_dataset_id(dataset_.manifest().dataset_id);
     begin->add_shard_indices(0);
     begin->add_shard_indices(1);
-    isoscope::v1::RenderIsosurfaceRequest* asked = begin->mutable_request();
-    asked->set_isovalue(request.spec.surfaces[0].rule.isovalue);
-    *asked->mutable_camera() = wire::ToProto(*request.spec.camera);
-    *asked->mutable_viewport() = wire::ToProto(request.spec.viewport);
-    asked->set_culling(wire::ToProto(culling));
-    asked->set_ray_seed(static_cast<std::int64_t>(request.spec.ray_seed));
+    frame::FrameSpec spec = request.spec;
+    spec.culling = culling;
+    *begin->mutable_frame() = wire::ToProto(spec);
     begin->set_agent_count(1);
     begin->set_report_active_blocks(true);
     return message;
@@ -377,8 +374,8 @@ TEST_F(PartitionAgentServiceTest, ASmallPictureComesWithTheMessageThatEndsTheSte
 TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebibyte) {
   FrameCall call(stub_.get());
   v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
-  begin.mutable_begin()->mutable_request()->mutable_viewport()->set_width_px(2500);
-  begin.mutable_begin()->mutable_request()->mutable_viewport()->set_height_px(2000);
+  begin.mutable_begin()->mutable_frame()->mutable_viewport()->set_width_px(2500);
+  begin.mutable_begin()->mutable_frame()->mutable_viewport()->set_height_px(2000);
   ASSERT_TRUE(call.Send(begin));
   image::FrameImage image(2500, 2000);
   int message_count = 0;
@@ -469,13 +466,14 @@ TEST_F(PartitionAgentServiceTest, WhatIsNotServedIsAFailedPrecondition) {
 
 TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
   std::vector<v1::RenderFrameRequest> bad(6, Begin());
-  bad[0].mutable_begin()->mutable_request()->set_isovalue(std::numeric_limits<double>::quiet_NaN());
-  bad[1].mutable_begin()->mutable_request()->clear_camera();
-  bad[2].mutable_begin()->mutable_request()->mutable_viewport()->set_width_px(-1);
+  bad[0].mutable_begin()->mutable_frame()->mutable_surfaces(0)->set_isovalue(
+      std::numeric_limits<double>::quiet_NaN());
+  bad[1].mutable_begin()->mutable_frame()->clear_camera();
+  bad[2].mutable_begin()->mutable_frame()->mutable_viewport()->set_width_px(-1);
   bad[3].mutable_begin()->set_agent_index(1);
   bad[4].mutable_begin()->add_shard_indices(2);
-  // A parameter of a newer version, deep in the request.
-  isoscope::v1::Camera* camera = bad[5].mutable_begin()->mutable_request()->mutable_camera();
+  // A parameter of a newer version, deep in the frame.
+  isoscope::v1::Camera* camera = bad[5].mutable_begin()->mutable_frame()->mutable_camera();
   camera->GetReflection()->MutableUnknownFields(camera)->AddVarint(77, 1);
   for (std::size_t i = 0; i < bad.size(); ++i) {
     const grpc::Status status = EndOf(bad[i]);
@@ -527,23 +525,18 @@ TEST_F(PartitionAgentServiceTest, ColorsComeOfTheDatasetsThatTheFrameNames) {
   Start({dataset_.directory(), temp.Sub("field"), temp.Sub("other")});
   v1::RenderFrameRequest good = Begin(frame::Culling::kNone);
   v1::BeginFrame* const begin = good.mutable_begin();
-  begin->set_sends_normals(true);
-  begin->set_sends_map_steps(true);
-  begin->mutable_request()->clear_isovalue();
-  for (int i = 0; i < 2; ++i) {
-    begin->mutable_request()->add_surfaces()->set_isovalue(SmallDataset::kIsovalue + i);
-  }
+  begin->mutable_frame()->set_sends_normals(true);
+  begin->mutable_frame()->set_sends_map_steps(true);
+  begin->mutable_frame()->add_surfaces()->set_isovalue(SmallDataset::kIsovalue + 1);
   isoscope::v1::ColorBy* const color_by =
-      begin->mutable_request()->mutable_surfaces(1)->mutable_color_by();
+      begin->mutable_frame()->mutable_surfaces(1)->mutable_color_by();
   color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_FIELD);
   color_by->set_field("noise");
   color_by->mutable_range()->set_max(50);
   begin->add_color_dataset_ids("");
   begin->add_color_dataset_ids(field_id);
   FrameTask task = dataset_.Request();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(task.spec, wire::FrameSpecFromProto(begin->request()));
-  task.spec.sends_normals = true;
-  task.spec.sends_map_steps = true;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(task.spec, wire::FrameSpecFromProto(begin->frame()));
   Shards field_shards;
   for (int i = 0; i < 2; ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
@@ -571,7 +564,7 @@ TEST_F(PartitionAgentServiceTest, ColorsComeOfTheDatasetsThatTheFrameNames) {
   expect("INVALID_ARGUMENT", "surface 1 shows another field, but the frame does not name",
          [](v1::BeginFrame* bad) { bad->clear_color_dataset_ids(); });
   expect("INVALID_ARGUMENT", "surfaces[1].color_by.range is not set", [](v1::BeginFrame* bad) {
-    bad->mutable_request()->mutable_surfaces(1)->mutable_color_by()->clear_range();
+    bad->mutable_frame()->mutable_surfaces(1)->mutable_color_by()->clear_range();
   });
   expect("FAILED_PRECONDITION", "is not served by this agent",
          [](v1::BeginFrame* bad) { bad->set_color_dataset_ids(1, "nobody"); });

@@ -133,7 +133,7 @@ inline grpc::Status PlayEmptyFrame(FakeAgent::FrameStream* stream,
   if (!stream->Read(&request)) {
     return {grpc::StatusCode::INVALID_ARGUMENT, "no begin"};
   }
-  if (request.begin().request().culling() != isoscope::v1::CULLING_NONE) {
+  if (request.begin().frame().culling() != isoscope::v1::CULLING_NONE) {
     response.mutable_ray_hits();
     stream->Write(response);
     stream->Read(&request);

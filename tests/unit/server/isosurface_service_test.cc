@@ -81,7 +81,7 @@ TEST_F(IsosurfaceServiceTest, AFrameWithoutSurfaceIsTheBackgroundAndSumsTheAgent
   EXPECT_EQ(response.camera().perspective().fov_y_degrees(), 30);
 }
 
-TEST_F(IsosurfaceServiceTest, AgentsGetTheRequestAndTheirShare) {
+TEST_F(IsosurfaceServiceTest, AgentsGetTheFrameAndTheirShare) {
   internal::BeginFrame begin;
   second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) -> grpc::Status {
     internal::RenderFrameRequest request;
@@ -105,11 +105,12 @@ TEST_F(IsosurfaceServiceTest, AgentsGetTheRequestAndTheirShare) {
   EXPECT_EQ(begin.agent_count(), 2);
   ASSERT_EQ(begin.shard_indices_size(), 1);
   EXPECT_EQ(begin.shard_indices(0), 1);
-  EXPECT_EQ(begin.request().ray_seed(), 77);
-  EXPECT_EQ(begin.request().isovalue(), 100);
+  EXPECT_EQ(begin.frame().ray_seed(), 77);
+  ASSERT_EQ(begin.frame().surfaces_size(), 1);
+  EXPECT_EQ(begin.frame().surfaces(0).isovalue(), 100);
   // Bit for bit: every agent must compute the same view.
-  EXPECT_EQ(begin.request().camera().perspective().fov_y_degrees(), 33.3);
-  EXPECT_EQ(begin.request().camera().eye().z(), 0.1);
+  EXPECT_EQ(begin.frame().camera().perspective().fov_y_degrees(), 33.3);
+  EXPECT_EQ(begin.frame().camera().eye().z(), 0.1);
 }
 
 TEST_F(IsosurfaceServiceTest, AgentsAreAskedForActiveBlocksOncePerLevel) {

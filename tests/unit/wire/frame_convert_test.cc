@@ -3,6 +3,7 @@
 // - defaults of unset fields, and the arrival of every field that is set;
 // - wrong values: the error names the field, its value and the allowed values (wrong_fields.h);
 // - the resolved camera, which must have the same bits at coordinator and agents;
+// - the message that agents get, value by value;
 // - picture revisions.
 
 #include "wire/frame_convert.h"
@@ -12,6 +13,8 @@
 #include <functional>
 #include <limits>
 #include <optional>
+#include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -306,11 +309,11 @@ TEST(FrameSpecFromProtoTest, SamplesOfALargeViewportAreRefusedWithBothNumbers) {
 }
 
 TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {
-  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
-  ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {3, 1, 2}}, &request, &spec));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec, FrameSpecFromProto(request));
-  EXPECT_TRUE(agent_spec.camera.has_value());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(MakeRequest()));
+  ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {3, 1, 2}}, &spec));
+  EXPECT_TRUE(spec.camera.has_value());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
+                                FrameSpecFromProto(ToProto(spec)));
   EXPECT_EQ(agent_spec, spec);
 }
 
@@ -319,8 +322,214 @@ TEST(ResolveCameraTest, ACameraThatIsSetStays) {
   *request.mutable_camera() = ToProto(view::MakeDefaultCamera({{0, 0, 0}, {4, 5, 6}}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
   const frame::FrameSpec before = spec;
-  ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {300, 1, 2}}, &request, &spec));
+  ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {300, 1, 2}}, &spec));
   EXPECT_EQ(spec, before);
+}
+
+// Changes one of the values that a frame is made of: the one of a number, in the order of the walk.
+// It names the members of each struct: with a new member this does not compile. Then the walk must
+// visit it, too.
+class OneChange {
+ public:
+  explicit OneChange(int number) : number_(number) {}
+
+  // The number of values visited.
+  [[nodiscard]] int count() const { return count_; }
+
+  void Visit(frame::FrameSpec& spec) {
+    auto& [surfaces, camera, viewport, region, culling, background_color, clip, caps, max_layers,
+           lights, ray_seed, nan_color, output, effects, sends_normals, sends_map_steps] = spec;
+    // Agents never get nan_color, output and effects.
+    VisitAll(surfaces, camera, viewport, region, culling, background_color, background_color.a,
+             clip, caps, max_layers, lights, ray_seed, sends_normals, sends_map_steps);
+  }
+
+ private:
+  template <typename... Members>
+  void VisitAll(Members&... members) {
+    (Visit(members), ...);
+  }
+  bool IsNext() { return count_++ == number_; }
+
+  void Visit(bool& value) { value ^= IsNext(); }
+  void Visit(double& value) { value += IsNext() ? 0.25 : 0; }
+  void Visit(float& value) { value *= IsNext() ? 0.5F : 1; }
+  void Visit(std::string& value) { value += IsNext() ? "x" : ""; }
+  template <typename Number>
+  requires std::is_integral_v<Number>
+  void Visit(Number& value) { value = static_cast<Number>(value + (IsNext() ? 1 : 0)); }
+  template <typename Enum>
+  requires std::is_enum_v<Enum>
+  void Visit(Enum& value) {
+    value = static_cast<Enum>(static_cast<int>(value) + (IsNext() ? 1 : 0));
+  }
+  template <typename Value>
+  void Visit(std::optional<Value>& value) {
+    if (IsNext()) {
+      value = value.has_value() ? std::nullopt : std::optional<Value>(std::in_place);
+    } else if (value.has_value()) {
+      Visit(*value);
+    }
+  }
+  template <typename Value>
+  void Visit(std::vector<Value>& values) {
+    for (Value& value : values) {
+      Visit(value);
+    }
+    if (IsNext()) {
+      values.push_back(Value(values.back()));
+    }
+  }
+
+  void Visit(math::Vec3d& v) { VisitAll(v.x, v.y, v.z); }
+  void Visit(math::Box3d& box) { VisitAll(box.min, box.max); }
+  // Most colours are opaque.
+  void Visit(image::Rgba8& color) { VisitAll(color.r, color.g, color.b); }
+  void Visit(volume::InsideRule& rule) {
+    auto& [isovalue, labels] = rule;
+    if (labels.empty()) {
+      return Visit(isovalue);
+    }
+    for (double& label : labels) {
+      Visit(label);
+    }
+  }
+  void Visit(frame::Appearance& appearance) {
+    auto& [base_color, ambient, diffuse, specular, shininess] = appearance;
+    VisitAll(base_color, ambient, diffuse, specular, shininess);
+  }
+  void Visit(frame::ColorRange& range) {
+    auto& [min, max] = range;
+    VisitAll(min, max);
+  }
+  void Visit(frame::ColorBy& color_by) {
+    auto& [quantity, map, range, opacity_at_min, opacity_at_max, field, component] = color_by;
+    VisitAll(map, range, opacity_at_min, opacity_at_max);
+    if (quantity == frame::ColorBy::Quantity::kField) {
+      VisitAll(field, component);
+    } else {
+      Visit(quantity);
+    }
+  }
+  void Visit(frame::Surface& surface) {
+    auto& [rule, appearance, color_by, opacity] = surface;
+    VisitAll(rule, appearance, color_by, opacity);
+  }
+  void Visit(view::Camera& camera) {
+    auto& [eye, target, up, projection, fov_y_radians, view_height] = camera;
+    VisitAll(eye, target, up);
+    if (IsNext()) {
+      fov_y_radians /= 2;  // stays the angle of a message
+    }
+    if (IsNext()) {
+      projection = view::Projection::kOrthographic;
+      fov_y_radians = 0;
+      view_height = 7;
+    }
+  }
+  void Visit(view::Viewport& viewport) {
+    auto& [width_px, height_px] = viewport;
+    VisitAll(width_px, height_px);
+  }
+  void Visit(view::Region& region) {
+    auto& [x, y, width_px, height_px] = region;
+    VisitAll(x, y, width_px, height_px);
+  }
+  void Visit(view::HalfSpace& half_space) {
+    auto& [normal, offset] = half_space;
+    VisitAll(normal, offset);
+  }
+  void Visit(view::ClipRegion& clip) {
+    auto& [half_spaces, box] = clip;
+    VisitAll(half_spaces, box);
+  }
+  void Visit(frame::ClipCaps& caps) {
+    auto& [map, range] = caps;
+    VisitAll(*map, range);
+  }
+  void Visit(frame::Light& light) {
+    auto& [direction, space, intensity, color] = light;
+    VisitAll(direction, space, intensity, color);
+  }
+
+  const int number_;
+  int count_ = 0;
+};
+
+frame::FrameSpec RichSpec() {
+  const frame::ColorBy by_field{.quantity = frame::ColorBy::Quantity::kField,
+                                .map = frame::ColorMap::kMagma,
+                                .range = frame::ColorRange{1, 4},
+                                .opacity_at_min = 0.5F,
+                                .opacity_at_max = 0.25F,
+                                .field = "velocity",
+                                .component = "x"};
+  const frame::ColorBy by_x{.range = frame::ColorRange{-1, 2}, .opacity_at_min = 0.5F};
+  frame::FrameSpec spec;
+  spec.surfaces = {{.rule = volume::InsideRule::OfIsovalue(3.5),
+                    .appearance = {.base_color = {1, 2, 3, 255}, .diffuse = 0.5F},
+                    .color_by = by_field,
+                    .opacity = 0.3F},
+                   {.rule = volume::InsideRule::OfLabels({2, 7}), .color_by = by_x}};
+  spec.camera = view::MakeDefaultCamera({{0, 0, 0}, {4, 5, 6}});
+  spec.camera->fov_y_radians = CameraFromProto(ToProto(*spec.camera), "camera")->fov_y_radians;
+  spec.viewport = {.width_px = 400, .height_px = 300};
+  spec.region = view::Region{10, 20, 30, 40};
+  spec.background_color = {9, 8, 7, 6};
+  spec.clip = {.half_spaces = {{.normal = {1, 2, 3}, .offset = 0.5}},
+               .box = math::Box3d{{0, 0, 0}, {1, 2, 3}}};
+  spec.caps = {.map = frame::ColorMap::kTurbo, .range = frame::ColorRange{3, 5}};
+  spec.max_layers = 3;
+  spec.lights = {{.direction = {1, 2, 3}, .intensity = 2, .color = {10, 20, 30, 255}}};
+  spec.ray_seed = static_cast<std::uint64_t>(-9);
+  spec.sends_normals = true;
+  return spec;
+}
+
+TEST(FrameSpecConvertTest, AgentsGetEachValueOfAFrame) {
+  const frame::FrameSpec rich = RichSpec();
+  OneChange none(-1);
+  frame::FrameSpec spec = rich;
+  none.Visit(spec);
+  ASSERT_EQ(spec, rich);
+  EXPECT_GT(none.count(), 80);
+  for (int i = -1; i < none.count(); ++i) {
+    spec = rich;
+    OneChange(i).Visit(spec);
+    EXPECT_EQ(spec == rich, i < 0) << "value " << i;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
+                                  FrameSpecFromProto(ToProto(spec)));
+    EXPECT_EQ(agent_spec, spec) << "value " << i;
+  }
+}
+
+TEST(FrameSpecConvertTest, AgentsNeverGetWhatTheCoordinatorAdds) {
+  const frame::FrameSpec drawn = RichSpec();
+  frame::FrameSpec spec = drawn;
+  spec.nan_color = image::Rgba8{1, 2, 3, 255};
+  spec.output = {.image_format = frame::ImageFormat::kJpeg, .depth = true};
+  spec.effects = {.samples_per_side = 2, .silhouette = frame::Silhouette()};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
+                                FrameSpecFromProto(ToProto(spec)));
+  EXPECT_EQ(agent_spec, drawn);
+}
+
+TEST(FrameSpecConvertTest, HostileFramesOfACoordinatorAreNamed) {
+  const isoscope::internal::v1::FrameSpec good = ToProto(RichSpec());
+  const auto expect = [&](const char* message, const auto& spoil) {
+    isoscope::internal::v1::FrameSpec bad = good;
+    spoil(&bad);
+    EXPECT_THAT(FrameSpecFromProto(bad),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));
+  };
+  expect("surfaces is empty", [](auto* bad) { bad->clear_surfaces(); });
+  expect("viewport is not set", [](auto* bad) { bad->clear_viewport(); });
+  expect("surfaces[1].labels[0]", [](auto* bad) {
+    bad->mutable_surfaces(1)->set_labels(0, std::numeric_limits<double>::quiet_NaN());
+  });
+  expect("region.width_px is 401", [](auto* bad) { bad->mutable_region()->set_width_px(401); });
+  expect("max_layers is 17", [](auto* bad) { bad->set_max_layers(17); });
+  expect("caps is set without clip", [](auto* bad) { bad->clear_clip(); });
 }
 
 TEST(PictureRevisionConvertTest, BothWaysGiveTheSame) {

@@ -59,12 +59,12 @@ TEST(KnownFieldsTest, FieldsThatCameOverTheWireAreFound) {
 
 TEST(KnownFieldsTest, PreparingChangesNoResult) {
   isoscope::internal::v1::RenderFrameRequest frame;
-  AddUnknown(frame.mutable_begin()->mutable_request()->mutable_camera(), 77);
+  AddUnknown(frame.mutable_begin()->mutable_frame()->mutable_camera(), 77);
   PrepareKnownFields(frame);
   PrepareKnownFields(isoscope::internal::v1::ExtractSurfaceResponse());
   EXPECT_THAT(CheckKnownFields(frame),
               StatusIs(absl::StatusCode::kInvalidArgument,
-                       AllOf(HasSubstr("begin.request.camera"), HasSubstr("number 77"))));
+                       AllOf(HasSubstr("begin.frame.camera"), HasSubstr("number 77"))));
 }
 
 }  // namespace

@@ -34,13 +34,21 @@ TEST(PickSpecFromProtoTest, TheRegionIsTheSmallestAroundThePixels) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PickSpec spec, PickSpecFromProto(pick));
   EXPECT_THAT(spec.pixels,
               ElementsAre(PixelPosition{30, 7}, PixelPosition{10, 200}, PixelPosition{30, 7}));
-  EXPECT_EQ(spec.frame.region, (view::Region{10, 7, 21, 194}));
-  EXPECT_EQ(spec.frame.culling, frame::Culling::kDepth) << "picks are exact";
-  EXPECT_EQ(spec.request.region().width_px(), 21);
-  EXPECT_EQ(spec.request.culling(), isoscope::v1::CULLING_DEPTH);
-  EXPECT_FALSE(spec.with_field_values);
+  EXPECT_EQ(spec.asked.spec.region, (view::Region{10, 7, 21, 194}));
+  EXPECT_EQ(spec.asked.spec.culling, frame::Culling::kDepth) << "picks are exact";
+  EXPECT_TRUE(spec.asked.spec.sends_normals);
+  EXPECT_FALSE(spec.asked.with_all_fields);
   pick.set_with_field_values(true);
-  EXPECT_TRUE(PickSpecFromProto(pick)->with_field_values);
+  EXPECT_TRUE(PickSpecFromProto(pick)->asked.with_all_fields);
+}
+
+TEST(PickSpecFromProtoTest, APickHasNoEffects) {
+  isoscope::v1::PickSurfaceRequest pick = MakePick({{30, 7}});
+  pick.mutable_frame()->set_samples(16);
+  pick.mutable_frame()->mutable_ambient_occlusion();
+  pick.mutable_frame()->mutable_silhouette();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PickSpec spec, PickSpecFromProto(pick));
+  EXPECT_EQ(spec.asked.spec.effects, frame::PictureEffects());
 }
 
 TEST(PickSpecFromProtoTest, WrongMembersAreNamedWithValueAndRange) {

@@ -11,6 +11,7 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -316,6 +317,24 @@ TEST(ProtoConvertTest, OnlyFiniteNumbersPass) {
   for (const double bad : {kNan, kInf, -kInf}) {
     EXPECT_THAT(CheckFinite(bad, "isovalue"),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("isovalue is ")));
+  }
+}
+
+// Agents compute the coordinator's view, bit for bit, from a message that the coordinator makes.
+TEST(CameraConvertTest, EveryAngleOfAMessageComesBackAsTheSameBits) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> angles(0, 180);
+  isoscope::v1::Camera proto = GoodCamera();
+  for (int i = 0; i < 20000; ++i) {
+    double degrees = angles(random);
+    degrees = i % 3 == 0   ? degrees * 1e-12
+              : i % 3 == 1 ? std::nextafter(180 - degrees / 1e9, 0)
+                           : degrees;
+    proto.mutable_perspective()->set_fov_y_degrees(degrees);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::Camera camera, CameraFromProto(proto, "camera"));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::Camera again,
+                                  CameraFromProto(ToProto(camera), "camera"));
+    ASSERT_EQ(again, camera) << degrees;
   }
 }
 

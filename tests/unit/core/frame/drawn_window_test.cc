@@ -40,7 +40,7 @@ TEST(DrawnWindowTest, SamplesScaleViewportAndRegion) {
 TEST(DrawnWindowTest, AMarginEndsAtTheBorderOfTheWhole) {
   FrameSpec spec = SpecOf({300, 200}, view::Region{7, 100, 90, 95}, 2);
   spec.effects.silhouette = {.width_px = 8, .color = {}};
-  EXPECT_EQ(MarginOf(spec.effects), 10);
+  EXPECT_EQ(spec.effects.margin_px(), 10);
   EXPECT_EQ(DrawnWindowOf(spec), (DrawnWindow{.viewport = {600, 400},
                                               .region = view::Region{0, 180, 2 * 107, 2 * 110},
                                               .begin_x = 14,
@@ -49,15 +49,6 @@ TEST(DrawnWindowTest, AMarginEndsAtTheBorderOfTheWhole) {
   spec.region.reset();
   spec.effects.samples_per_side = 1;
   EXPECT_TRUE(DrawnWindowOf(spec).is_picture_of(spec));
-}
-
-TEST(DrawnWindowTest, NoEffectLooksFartherThanTheLargestMargin) {
-  PictureEffects effects;
-  EXPECT_EQ(MarginOf(effects), 0);
-  effects.silhouette = {.width_px = Silhouette::kMaxWidthPx, .color = {}};
-  EXPECT_LE(MarginOf(effects), kMaxMarginPx);
-  effects.ambient_occlusion = {.radius_px = AmbientOcclusion::kMaxRadiusPx, .strength = 1};
-  EXPECT_EQ(MarginOf(effects), kMaxMarginPx);
 }
 
 TEST(DrawnWindowTest, WhatNobodyCanDrawIsRefusedWithItsNumbers) {

@@ -36,6 +36,20 @@ TEST(FrameSpecTest, TheTextOfManyRulesStaysShort) {
               AllOf(StartsWith("isovalue 0; isovalue 0"), EndsWith("; and 112 more")));
 }
 
+TEST(FrameSpecTest, AFrameWithoutItsLookHasNoEffectsAndCapsOfSurfaces) {
+  FrameSpec spec;
+  spec.surfaces.resize(1);
+  FrameSpec expected = spec;
+  expected.sends_normals = true;
+  spec.effects = {
+      .samples_per_side = 4, .ambient_occlusion = AmbientOcclusion(), .silhouette = Silhouette()};
+  EXPECT_EQ(WithoutLook(spec, /*sends_normals=*/true), expected);
+  spec.caps = {.map = ColorMap::kGrey, .range = ColorRange{1, 2}};
+  expected.caps.emplace();
+  expected.sends_normals = false;
+  EXPECT_EQ(WithoutLook(spec, /*sends_normals=*/false), expected);
+}
+
 TEST(FrameSpecTest, CapsWithSamplesHaveOwnersOfTheirOwn) {
   FrameSpec spec;
   spec.surfaces.resize(3);

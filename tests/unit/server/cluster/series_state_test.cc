@@ -12,6 +12,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/check.h"
+#include "core/frame/frame_spec.h"
 #include "server/cluster/dataset_catalog.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/make_shard.h"
@@ -101,7 +102,7 @@ v1::FieldSelection Selection(const std::string& text) {
 absl::StatusOr<SelectedVolume> Select(const std::shared_ptr<const DatasetState>& dataset,
                                       const std::string& text) {
   const v1::FieldSelection selection = Selection(text);
-  google::protobuf::RepeatedPtrField<v1::Surface> no_surfaces;
+  std::vector<frame::Surface> no_surfaces;
   return SelectVolume(dataset, &selection, &no_surfaces);
 }
 
@@ -246,37 +247,31 @@ TEST(SeriesStateTest, ADatasetWithoutFieldsHasTheFirstAndTheLastStepAndNothingEl
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("one field")));
   EXPECT_THAT(Select(head, "component: 'x'"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("selection.component")));
-  google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
+  std::vector<frame::Surface> surfaces;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
                                 SelectVolume(head, nullptr, &surfaces));
   EXPECT_EQ(selected.dataset, head);
   EXPECT_FALSE(selected.selection.has_value());
-  surfaces.Add()->mutable_color_by()->set_quantity(v1::ColorBy::QUANTITY_FIELD);
+  surfaces.push_back({.color_by = frame::ColorBy{.quantity = frame::ColorBy::Quantity::kField}});
   EXPECT_THAT(SelectVolume(head, nullptr, &surfaces),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("surfaces[0].color_by")));
 }
 
 TEST(SeriesStateTest, ColoursNameTheVolumeOfTheSameStepAndItsRangeOverAllSteps) {
   const auto flow = Flow({Agent("a:1", {Shard(0, {0, 1}), Shard(1, {0, 1})})});
-  google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
-  surfaces.Add();
-  for (const bool has_range : {false, true}) {
-    v1::ColorBy* const color_by = surfaces.Add()->mutable_color_by();
-    color_by->set_quantity(v1::ColorBy::QUANTITY_FIELD);
-    color_by->set_field("velocity");
-    if (has_range) {
-      color_by->mutable_range()->set_min(2);
-      color_by->mutable_range()->set_max(3);
-    }
-  }
+  std::vector<frame::Surface> surfaces;
+  surfaces.emplace_back();
+  frame::ColorBy color_by{.quantity = frame::ColorBy::Quantity::kField, .field = "velocity"};
+  surfaces.push_back({.color_by = color_by});
+  color_by.range = frame::ColorRange{2, 3};
+  surfaces.push_back({.color_by = color_by});
   const v1::FieldSelection selection = Selection("time_step: 0");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
                                 SelectVolume(flow, &selection, &surfaces));
   EXPECT_THAT(selected.color_dataset_ids, ElementsAre("", IdOf(1, 1, 0), IdOf(1, 1, 0)));
-  EXPECT_EQ(surfaces[1].color_by().range().min(), 0);
-  EXPECT_EQ(surfaces[1].color_by().range().max(), 9);
-  EXPECT_EQ(surfaces[2].color_by().range().max(), 3);
-  surfaces[1].mutable_color_by()->set_field("heat");
+  EXPECT_EQ(surfaces[1].color_by->range, (frame::ColorRange{0, 9}));
+  EXPECT_EQ(surfaces[2].color_by->range, (frame::ColorRange{2, 3}));
+  surfaces[1].color_by->field = "heat";
   EXPECT_THAT(SelectVolume(flow, &selection, &surfaces),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("surfaces[1].color_by.field"), HasSubstr("\"heat\""))));
@@ -290,15 +285,14 @@ TEST(SeriesStateTest, AFrameOfTwoFieldsNeedsAgentsThatHaveBoth) {
   velocity.mutable_volumes()->DeleteSubrange(0, 1);
   const auto flow = Flow({Agent("a:1", {Shard(0, {0}), pressure}), Agent("b:1", {velocity})});
   ISOSCOPE_ASSERT_OK(Select(flow, "field: 'velocity'").status());
-  google::protobuf::RepeatedPtrField<v1::Surface> surfaces;
-  surfaces.Add()->mutable_color_by()->set_quantity(v1::ColorBy::QUANTITY_FIELD);
-  surfaces[0].mutable_color_by()->set_field("velocity");
+  std::vector<frame::Surface> surfaces(1);
+  surfaces[0].color_by = {.quantity = frame::ColorBy::Quantity::kField, .field = "velocity"};
   EXPECT_THAT(SelectVolume(flow, nullptr, &surfaces),
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("shard 1")));
 }
 
 TEST(SeriesStateTest, AllFieldsAreThoseOfTheStepOnAgentsThatHaveThemAll) {
-  const google::protobuf::RepeatedPtrField<v1::Surface> none;
+  const std::vector<frame::Surface> none;
   const auto select = [&](const std::shared_ptr<const DatasetState>& dataset,
                           const std::string& text) {
     auto surfaces = none;

@@ -320,8 +320,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   EXPECT_EQ(asked_.isovalues(0), 100);
   EXPECT_EQ(by_default.SerializeAsString(),
             wire::ToProto(view::MakeDefaultCamera(BoxOf(4, 8))).SerializeAsString());
-  EXPECT_EQ(begin_.request().camera_fit(), v1::CAMERA_FIT_UNSPECIFIED) << "the camera is final";
-  EXPECT_EQ(begin_.request().camera().SerializeAsString(), by_default.SerializeAsString());
+  EXPECT_EQ(begin_.frame().camera().SerializeAsString(), by_default.SerializeAsString());
 
   view::Camera given = view::MakeDefaultCamera(BoxOf(0, 8));
   view::Azimuth(0.5, &given);

@@ -1,6 +1,6 @@
 #include "server/interact/interact_frame.h"
 
-#include "google/protobuf/util/message_differencer.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "tests/support/status_matchers.h"
@@ -13,89 +13,93 @@ using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::StatusIs;
 
-v1::RenderIsosurfaceRequest Request() {
-  v1::RenderIsosurfaceRequest request;
+v1::ViewState State() {
+  v1::ViewState state;
+  v1::RenderIsosurfaceRequest& request = *state.mutable_frame();
   request.set_dataset("head");
   request.set_isovalue(60);
   request.mutable_viewport()->set_width_px(1001);
   request.mutable_viewport()->set_height_px(500);
-  request.mutable_camera()->mutable_eye()->set_x(3);
   request.set_samples(16);
-  return request;
+  return state;
 }
 
 TEST(InteractFrameTest, AMovingFrameIsAJpegOfOneSampleAndOtherwiseTheSame) {
-  v1::RenderIsosurfaceRequest request = Request();
-  request.set_with_notes(true);
-  v1::RenderIsosurfaceRequest moving = MovingRequest(request, {.jpeg_quality = 70});
-  EXPECT_EQ(moving.output().image_format(), v1::OutputOptions::IMAGE_FORMAT_JPEG);
-  EXPECT_EQ(moving.output().jpeg_quality(), 70);
-  EXPECT_EQ(moving.samples(), 0);
-  moving.clear_output();
-  moving.set_samples(16);
-  EXPECT_TRUE(google::protobuf::util::MessageDifferencer::Equals(moving, Request()));
+  v1::ViewState state = State();
+  state.mutable_frame()->set_with_notes(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame exact, ExactFrameOf(state));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving,
+                                MovingFrameOf(state, {.jpeg_quality = 70}));
+  EXPECT_EQ(moving.dataset, "head");
+  EXPECT_TRUE(exact.with_notes);
+  EXPECT_FALSE(moving.with_notes);
+  frame::FrameSpec expected = exact.spec;
+  expected.output = {.image_format = frame::ImageFormat::kJpeg, .jpeg_quality = 70};
+  expected.effects.samples_per_side = 1;
+  EXPECT_EQ(moving.spec, expected);
 }
 
 TEST(InteractFrameTest, ASmallerFrameHasSmallerSidesAndEffects) {
-  v1::RenderIsosurfaceRequest request = Request();
-  request.mutable_ambient_occlusion();
-  request.mutable_silhouette()->set_width_px(4);
-  const v1::RenderIsosurfaceRequest moving = MovingRequest(request, {.scale = 0.5});
-  EXPECT_EQ(moving.viewport().width_px(), 501);
-  EXPECT_EQ(moving.viewport().height_px(), 250);
-  EXPECT_EQ(moving.ambient_occlusion().radius_px(), 16) << "half of the default";
-  EXPECT_EQ(moving.silhouette().width_px(), 2);
+  v1::ViewState state = State();
+  state.mutable_frame()->mutable_ambient_occlusion();
+  state.mutable_frame()->mutable_silhouette()->set_width_px(4);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving,
+                                MovingFrameOf(state, {.scale = 0.5}));
+  EXPECT_EQ(moving.spec.viewport, (view::Viewport{501, 250}));
+  EXPECT_EQ(moving.spec.effects.ambient_occlusion->radius_px, 16) << "half of the default";
+  EXPECT_EQ(moving.spec.effects.silhouette->width_px, 2);
 }
 
 TEST(InteractFrameTest, SmallestSizesAreLegal) {
-  v1::RenderIsosurfaceRequest request = Request();
-  request.mutable_viewport()->set_width_px(1);
-  request.mutable_viewport()->set_height_px(2);
-  request.mutable_ambient_occlusion()->set_radius_px(5);
-  request.mutable_silhouette();
-  const v1::RenderIsosurfaceRequest moving = MovingRequest(request, {.scale = 0.25});
-  EXPECT_EQ(moving.viewport().width_px(), 1);
-  EXPECT_EQ(moving.viewport().height_px(), 1);
-  EXPECT_EQ(moving.ambient_occlusion().radius_px(), 4);
-  EXPECT_EQ(moving.silhouette().width_px(), 1);
+  v1::ViewState state = State();
+  state.mutable_frame()->mutable_viewport()->set_width_px(1);
+  state.mutable_frame()->mutable_viewport()->set_height_px(2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving,
+                                MovingFrameOf(state, {.scale = 0.25}));
+  EXPECT_EQ(moving.spec.viewport, (view::Viewport{1, 1}));
 }
 
-TEST(InteractFrameTest, WrongSizesStayWrong) {
-  v1::RenderIsosurfaceRequest request = Request();
-  request.mutable_viewport()->set_width_px(0);
-  request.mutable_viewport()->set_height_px(-7);
-  const v1::RenderIsosurfaceRequest moving = MovingRequest(request, {.scale = 0.25});
-  EXPECT_EQ(moving.viewport().width_px(), 0);
-  EXPECT_EQ(moving.viewport().height_px(), -7);
+TEST(InteractFrameTest, AWrongStateIsRefusedInMotionToo) {
+  v1::ViewState state = State();
+  state.mutable_frame()->mutable_viewport()->set_height_px(-7);
+  EXPECT_THAT(MovingFrameOf(state, {.scale = 0.25}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("viewport.height_px is -7")));
+  state = State();
+  state.mutable_frame()->mutable_background_color()->set_alpha(0.5F);
+  EXPECT_THAT(ExactFrameOf(state), IsOk());
+  EXPECT_THAT(MovingFrameOf(state, {}),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("background_color.alpha is 0.5: must be 1")));
 }
 
 TEST(InteractFrameTest, ARegionKeepsItsSize) {
-  v1::RenderIsosurfaceRequest request = Request();
-  request.mutable_region()->set_width_px(100);
-  request.mutable_region()->set_height_px(100);
-  EXPECT_EQ(MovingRequest(request, {.scale = 0.25}).viewport().width_px(), 1001);
+  v1::ViewState state = State();
+  state.mutable_frame()->mutable_region()->set_width_px(100);
+  state.mutable_frame()->mutable_region()->set_height_px(100);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving,
+                                MovingFrameOf(state, {.scale = 0.25}));
+  EXPECT_EQ(moving.spec.viewport.width_px, 1001);
 }
 
 TEST(InteractFrameTest, OutputsThatAreNoPictureAreNamed) {
-  v1::ViewState state;
-  *state.mutable_frame() = Request();
-  EXPECT_THAT(CheckInteractiveOutput(state), IsOk());
+  v1::ViewState state = State();
+  EXPECT_THAT(ExactFrameOf(state), IsOk());
   state.mutable_frame()->mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_PNG);
-  EXPECT_THAT(CheckInteractiveOutput(state), IsOk());
+  EXPECT_THAT(ExactFrameOf(state), IsOk());
   state.mutable_frame()->mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
-  EXPECT_THAT(CheckInteractiveOutput(state),
+  EXPECT_THAT(ExactFrameOf(state),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("image_format is 2")));
   state.mutable_frame()->clear_output();
   state.mutable_frame()->mutable_output()->set_position(true);
-  EXPECT_THAT(CheckInteractiveOutput(state),
+  EXPECT_THAT(ExactFrameOf(state),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("plane")));
   state.mutable_frame()->clear_output();
   state.mutable_frame()->set_with_trace(true);
-  EXPECT_THAT(CheckInteractiveOutput(state),
+  EXPECT_THAT(ExactFrameOf(state),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.with_trace")));
   state.mutable_frame()->clear_with_trace();
   state.mutable_frame()->set_allow_partial(true);
-  EXPECT_THAT(CheckInteractiveOutput(state),
+  EXPECT_THAT(ExactFrameOf(state),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.allow_partial")));
 }
 
