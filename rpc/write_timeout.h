@@ -20,6 +20,9 @@
 namespace isoscope::rpc {
 
 // Thread-safe. Part of a call's reactor, which calls Stop in OnDone at the latest.
+//
+// An alarm is destroyed with the lock held that its function takes. That can't deadlock: gRPC calls
+// the function on a thread of its executor, never in ~Alarm, and ~Alarm does not wait for it.
 class WriteTimeout {
  public:
   explicit WriteTimeout(grpc::CallbackServerContext* context)

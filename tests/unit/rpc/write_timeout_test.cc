@@ -90,6 +90,17 @@ TEST_F(WriteTimeoutTest, NothingHappensAfterTheEnd) {
   absl::SleepFor(absl::Milliseconds(50));
 }
 
+TEST_F(WriteTimeoutTest, AnAlarmMayRingWhileItIsReplacedOrPaused) {
+  Call([](Reactor* reactor) {
+    for (int i = 0; i < 2000; ++i) {
+      reactor->timeout.Start(absl::ZeroDuration());
+      reactor->timeout.Start(absl::Microseconds(i % 50));
+      reactor->timeout.Pause();
+    }
+    reactor->timeout.Start(absl::ZeroDuration());
+  }).IgnoreError();  // it ends: no alarm waits for the lock of the thread that destroys it
+}
+
 TEST_F(WriteTimeoutTest, NoTimeRunsBetweenAWriteThatIsTakenAndTheNextOne) {
   EXPECT_THAT(Call([](Reactor* reactor) {
                 // Paused at once: the alarm may ring meanwhile, but has no effect once this holds.
