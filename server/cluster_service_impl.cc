@@ -13,7 +13,7 @@
 #include "core/base/memory_info.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
-#include "server/answer_at_once.h"
+#include "server/call/public_call.h"
 #include "server/page.h"
 #include "wire/proto_convert.h"
 
@@ -113,19 +113,19 @@ isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, base::Monotoni
   return proto;
 }
 
-isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
-  const CoordinatorGauges gauges = runner->gauges();
-  const CoordinatorMetrics& metrics = *runner->metrics();
+isoscope::v1::CoordinatorLoad LoadOf(const CoordinatorState& state, absl::Duration up) {
+  const CoordinatorState::FrameCounts frames = state.CountFrames();
+  const FrameMetrics& metrics = state.frame_metrics;
   isoscope::v1::CoordinatorLoad load;
   *load.mutable_up_duration() = wire::ToProto(up);
-  load.set_working_frame_count(gauges.working_frames);
-  load.set_queued_frame_count(gauges.queued_frames);
-  load.set_done_frame_count(metrics.frames.done.value());
-  load.set_failed_frame_count(metrics.frames.failed.value() + metrics.frames.cancelled.value());
-  load.set_refused_frame_count(metrics.frames.refused.value());
+  load.set_working_frame_count(frames.working);
+  load.set_queued_frame_count(frames.queued);
+  load.set_done_frame_count(metrics.done.value());
+  load.set_failed_frame_count(metrics.failed.value() + metrics.cancelled.value());
+  load.set_refused_frame_count(metrics.refused.value());
   load.set_network_bytes(metrics.network_bytes.value());
   load.set_resident_bytes(static_cast<std::int64_t>(base::ResidentBytes()));
-  load.set_memory_limit_bytes(static_cast<std::int64_t>(gauges.memory_limit_bytes));
+  load.set_memory_limit_bytes(static_cast<std::int64_t>(state.memory.limit_bytes()));
   return load;
 }
 
@@ -134,13 +134,14 @@ isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
-  const auto answer = [&](const rpc::Peer& peer, AuditRecord*) -> absl::Status {
-    ISOSCOPE_RETURN_IF_ERROR(access_->CheckCapabilities(peer));
+  const auto answer = [&](PublicCall* call) -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(state_.calls.access->CheckCapabilities(call->peer()));
     const base::MutexLock lock(&mutex_);
     *response = capabilities_;
     return absl::OkStatus();
   };
-  return AnswerAtOnce(runner_, RequestMethod::kGetCapabilities, context, *request, "", answer);
+  return AnswerAtOnce(&state_.calls, RequestMethod::kGetCapabilities, context, *request, "",
+                      answer);
 }
 
 void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
@@ -151,21 +152,21 @@ void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
-  const auto answer = [&](const rpc::Peer& peer, AuditRecord* record) -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
-    record->caller = caller.name();
-    const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
+  const auto answer = [&](PublicCall* call) -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(call->Identify());
+    const Caller& caller = call->caller();
+    const std::map<std::string, DatasetState> datasets = state_.registry->datasets(caller);
     ISOSCOPE_ASSIGN_OR_RETURN(Page page,
                               Page::Make("agents", request->page_size(), request->page_token()));
-    for (const AgentState& agent : registry_->agents()) {
+    for (const AgentState& agent : state_.registry->agents()) {
       if (page.Offer(agent.address)) {
         *response->add_agents() = ToProto(agent, caller, datasets);
       }
     }
     response->set_next_page_token(page.next_token());
     const base::MonotonicTime now = base::MonotonicNow();
-    *response->mutable_load() = LoadOf(runner_, now - start_);
-    for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
+    *response->mutable_load() = LoadOf(state_, now - start_);
+    for (const FrameBoard::Frame& frame : state_.board.Frames()) {
       if (caller.MaySee(frame.note.dataset.text())) {
         isoscope::v1::FrameInWork& added = *response->add_frames();
         added = ToProto(frame, now);
@@ -176,7 +177,8 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     }
     return absl::OkStatus();
   };
-  return AnswerAtOnce(runner_, RequestMethod::kGetClusterStatus, context, *request, "", answer);
+  return AnswerAtOnce(&state_.calls, RequestMethod::kGetClusterStatus, context, *request, "",
+                      answer);
 }
 
 }  // namespace isoscope::server

@@ -11,22 +11,16 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
-#include "server/access/access_control.h"
-#include "server/cluster/agent_registry.h"
-#include "server/frame/frame_runner.h"
+#include "server/frame/coordinator_state.h"
 
 namespace isoscope::server {
 
-// Thread-safe. `registry` and `access` outlive it.
+// Thread-safe.
 class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackService {
  public:
-  // All of them outlive the service.
-  ClusterServiceImpl(const AgentRegistry* registry, AccessControl* access, FrameRunner* runner,
-                     isoscope::v1::GetCapabilitiesResponse capabilities)
-      : registry_(registry),
-        access_(access),
-        runner_(runner),
-        capabilities_(std::move(capabilities)) {}
+  // The state outlives the service.
+  ClusterServiceImpl(CoordinatorState* state, isoscope::v1::GetCapabilitiesResponse capabilities)
+      : state_(*state), capabilities_(std::move(capabilities)) {}
 
   grpc::ServerUnaryReactor* GetCapabilities(
       grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
@@ -39,9 +33,7 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
   void SetGatewayAddress(const std::string& address) ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
-  const AgentRegistry* const registry_;
-  AccessControl* const access_;
-  FrameRunner* const runner_;
+  CoordinatorState& state_;
   const base::MonotonicTime start_ = base::MonotonicNow();
   base::Mutex mutex_;
   isoscope::v1::GetCapabilitiesResponse capabilities_ ABSL_GUARDED_BY(mutex_);

@@ -1,6 +1,6 @@
 // Start builds the parts of a coordinator in the order of their dependencies:
 //
-//   HealthReporter, AgentRegistry, AccessControl, AuditLog, FrameRunner, services, gRPC server
+//   HealthReporter, AgentRegistry, AccessControl, AuditLog, CoordinatorState, FrameRunner, services, gRPC server
 //
 // Members are destroyed in the reverse order, so each part outlives its users. gRPC creates the
 // health service with the server, and the registry reports its first probe from its own thread. So
@@ -9,6 +9,7 @@
 #include "server/coordinator_server.h"
 
 #include <array>
+#include <cstdint>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -32,6 +33,7 @@
 #include "server/cluster/agent_registry.h"
 #include "server/cluster_service_impl.h"
 #include "server/dataset_service_impl.h"
+#include "server/frame/coordinator_state.h"
 #include "server/frame/frame_runner.h"
 #include "server/interact/interact_service_impl.h"
 #include "server/isosurface_service_impl.h"
@@ -112,30 +114,31 @@ class CoordinatorServerImpl final : public CoordinatorServer {
         health_(std::move(health)),
         registry_(std::move(registry)),
         access_(std::move(access)),
-        runner_({.registry = registry_.get(),
-                 .max_concurrent_frames = options.max_concurrent_frames,
-                 .max_queued_frames = options.max_queued_frames,
-                 .arena =
-                     options.arena != nullptr ? options.arena : std::make_shared<base::TaskArena>(),
-                 .memory_limit_bytes = options.memory_limit_bytes > 0
-                                           ? options.memory_limit_bytes
-                                           : CoordinatorMemory::DefaultLimitBytes(),
-                 .agent_limit = options.agent_limit,
-                 .mailboxes = options.mailboxes,
-                 .audit = std::move(audit),
-                 .expected_viewport = options.expected_viewport}),
-        isosurface_service_({.registry = registry_.get(),
+        state_({.registry = registry_.get(),
+                .access = access_.get(),
+                .max_concurrent_frames = options.max_concurrent_frames,
+                .max_queued_frames = options.max_queued_frames,
+                .arena =
+                    options.arena != nullptr ? options.arena : std::make_shared<base::TaskArena>(),
+                .memory_limit_bytes = options.memory_limit_bytes > 0
+                                          ? options.memory_limit_bytes
+                                          : CoordinatorMemory::DefaultLimitBytes(),
+                .agent_limit = options.agent_limit,
+                .mailboxes = options.mailboxes,
+                .audit = std::move(audit),
+                .expected_viewport = options.expected_viewport}),
+        runner_(&state_),
+        isosurface_service_({.state = &state_,
                              .runner = &runner_,
-                             .access = access_.get(),
                              .max_frame_duration = options.max_frame_duration,
                              .max_agent_silence = options.max_agent_silence,
                              .sign_of_life_interval = options.sign_of_life_interval,
                              .export_limits = options.export_limits}),
-        interact_service_({.runner = &runner_,
-                           .access = access_.get(),
+        interact_service_({.state = &state_,
+                           .runner = &runner_,
                            .max_frame_duration = options.max_frame_duration}),
-        dataset_service_(registry_.get(), access_.get(), &runner_),
-        cluster_service_(registry_.get(), access_.get(), &runner_, CapabilitiesOf(options)) {}
+        dataset_service_(&state_),
+        cluster_service_(&state_, CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
   absl::Status Listen(const CoordinatorServerOptions& options) {
@@ -172,24 +175,12 @@ class CoordinatorServerImpl final : public CoordinatorServer {
   }
 
   std::vector<base::MetricFamily> CollectMetrics() override {
-    CoordinatorGauges gauges = runner_.gauges();
-    for (const AgentState& agent : registry_->agents()) {
-      ++(agent.status.ok()           ? gauges.reachable_agents
-         : agent.opening.has_value() ? gauges.opening_agents
-                                     : gauges.unreachable_agents);
-      gauges.damaged_shards += static_cast<int>(agent.damaged_shards.size());
-    }
-    for (const auto& [name, dataset] : registry_->datasets()) {
-      ++(dataset.status.ok() ? gauges.complete_datasets : gauges.incomplete_datasets);
-    }
-    gauges.certificate_days_left = certificate_.DaysLeft();
-    gauges.certificate_failures = certificate_.failures();
-    gauges.token_failures = access_->failed_reloads();
-    if (runner_.audit() != nullptr) {
-      gauges.audit_lines = runner_.audit()->written_lines();
-      gauges.audit_failures = runner_.audit()->failed_lines();
-    }
-    return runner_.metrics()->Collect(gauges);
+    std::vector<base::MetricFamily> families = base::ProcessMetrics(
+        "isoscope-coordinator", static_cast<std::int64_t>(state_.memory.limit_bytes()));
+    state_.AppendMetrics(&families);
+    runner_.AppendMetrics(&families);
+    AppendFileMetrics(&families);
+    return families;
   }
 
   void SetGatewayAddress(const std::string& address) override {
@@ -206,10 +197,39 @@ class CoordinatorServerImpl final : public CoordinatorServer {
   }
 
  private:
+  // Files that are read again when they have changed, and the audit log.
+  void AppendFileMetrics(std::vector<base::MetricFamily>* families) {
+    using base::MetricSample;
+    using Type = base::MetricFamily::Type;
+    const AuditLog* const audit = state_.calls.audit.get();
+    const auto count = [](std::int64_t value, const char* label, const char* label_value) {
+      return MetricSample::Of(static_cast<double>(value), {{label, label_value}});
+    };
+    families->push_back({.name = "isoscope_certificate_days_left",
+                         .help = "Days until the own certificate expires; 0 if it can't be read, "
+                                 "infinity without one.",
+                         .type = Type::kGauge,
+                         .samples = {MetricSample::Of(certificate_.DaysLeft())}});
+    families->push_back(
+        {.name = "isoscope_reload_failures_total",
+         .help = "Files that were wrong, or could not be read, after a change; what was read "
+                 "before holds.",
+         .type = Type::kCounter,
+         .samples = {count(access_->failed_reloads(), "file", "tokens"),
+                     count(certificate_.failures(), "file", "certificate")}});
+    families->push_back(
+        {.name = "isoscope_audit_lines_total",
+         .help = "Lines of the audit log, by result.",
+         .type = Type::kCounter,
+         .samples = {count(audit == nullptr ? 0 : audit->written_lines(), "result", "written"),
+                     count(audit == nullptr ? 0 : audit->failed_lines(), "result", "failed")}});
+  }
+
   rpc::CertificateWatch certificate_;
   const std::shared_ptr<HealthReporter> health_;
   const std::unique_ptr<AgentRegistry> registry_;
   const std::unique_ptr<AccessControl> access_;
+  CoordinatorState state_;
   FrameRunner runner_;
   IsosurfaceServiceImpl isosurface_service_;  // services outlive the server
   InteractServiceImpl interact_service_;

@@ -88,7 +88,7 @@ class CoordinatorServer {
   virtual absl::Status WaitUntilReady(base::MonotonicTime deadline) = 0;
   // Sets the address of a web gateway that starts later, for GetCapabilities. Thread-safe.
   virtual void SetGatewayAddress(const std::string& address) = 0;
-  // Returns the metrics for monitoring (coordinator_metrics).
+  // Returns the metrics of all parts, for monitoring.
   virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for frames in work, then
   // cancels them. Blocks.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -12,12 +13,7 @@
 #include "core/base/status_macros.h"
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
-#include "rpc/channel.h"
-#include "rpc/grpc_status.h"
-#include "rpc/peer.h"
-#include "rpc/request_context.h"
-#include "server/admission/call_turn.h"
-#include "server/answer_at_once.h"
+#include "server/call/call_work.h"
 #include "server/frame/agent_queries.h"
 #include "server/page.h"
 #include "wire/histogram_convert.h"
@@ -56,77 +52,68 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
                               const isoscope::v1::GetHistogramRequest* request,
                               isoscope::v1::GetHistogramResponse* response) {
     const bool reads_samples = request->max_label_value_count() > 0;
-    const std::shared_ptr<HistogramCall> call(new HistogramCall(
-        service, context, reads_samples ? &service->label_values_ : &service->histograms_,
-        reads_samples ? kMaxValuesDuration : kMaxHistogramDuration));
+    const std::shared_ptr<HistogramCall> call(
+        new HistogramCall(service, context, request->dataset(),
+                          reads_samples ? &service->label_values_ : &service->histograms_,
+                          reads_samples ? kMaxValuesDuration : kMaxHistogramDuration));
     call->self_ = call;
-    call->record_.dataset = request->dataset();
-    const absl::Status admitted = call->Admit(*context, *request);
+    const absl::Status admitted = call->Admit(*request);
     if (!admitted.ok()) {
       call->End(admitted);
       return call.get();
     }
-    call->turn_.Schedule([call, request, response](const absl::Status& turn) {
+    call->work_.Schedule([call, request, response](const absl::Status& turn) {
       call->Run(turn, *request, response);
     });
     return call.get();
   }
 
-  void OnCancel() override { turn_.Cancel(); }
-  void OnDone() override { const std::shared_ptr<HistogramCall> last_use = std::move(self_); }
+  void OnCancel() override { work_.Cancel(); }
+  void OnDone() override {
+    call_.timeout().Stop();
+    const std::shared_ptr<HistogramCall> last_use = std::move(self_);
+  }
 
  private:
   HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
-                Admission* admission, absl::Duration max_duration)
-      : service_(service),
-        identity_(rpc::AnswerTraceContext(context)),
-        turn_(admission, std::min(rpc::DeadlineOf(*context), start_ + max_duration)),
-        record_(RecordOf(rpc::PeerOf(*context), context->peer())) {}
+                const std::string& dataset, Admission* admission, absl::Duration max_duration)
+      : service_(*service),
+        call_(&service->state_.calls, RequestMethod::kGetHistogram, context, dataset),
+        work_(admission, std::min(call_.deadline(), call_.arrival() + max_duration)) {}
 
-  absl::Status Admit(const grpc::CallbackServerContext& context,
-                     const isoscope::v1::GetHistogramRequest& request) {
-    ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->access_->Identify(rpc::PeerOf(context)));
-    record_.caller = caller_.name();
+  absl::Status Admit(const isoscope::v1::GetHistogramRequest& request) {
+    ISOSCOPE_RETURN_IF_ERROR(call_.Identify());
     ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request));
-    return turn_.TakePlace(caller_.QueueKey(context.peer()));
+    return work_.TakePlace(call_.caller().QueueKey(call_.origin().client));
   }
 
   // `turn`: the reason if the turn did not come.
   void Run(const absl::Status& turn, const isoscope::v1::GetHistogramRequest& request,
            isoscope::v1::GetHistogramResponse* response) {
     const absl::Status status = base::OrNoMemory("the answer", [&] {
-      return turn.ok() ? service_->AnswerHistogram(request, caller_, identity_,
-                                                   turn_.cancellation(), &record_, response)
+      return turn.ok() ? service_.AnswerHistogram(request, work_.cancellation(), &call_, response)
                        : turn;
     });
-    turn_.GiveBack();  // before the answer, so that the next request finds the place free
+    work_.GiveBackPlace();  // before the answer, so that the next request finds the place free
     End(status);
   }
 
-  void End(const absl::Status& status) {
-    service_->runner_->EndRequest(RequestMethod::kGetHistogram, record_, identity_, status,
-                                  base::MonotonicNow() - start_);
-    Finish(rpc::ToGrpcStatus(status));
-  }
+  void End(const absl::Status& status) { Finish(call_.End(status)); }
 
-  DatasetServiceImpl* const service_;
-  const base::TraceContext identity_;
-  const base::MonotonicTime start_ = base::MonotonicNow();
-  CallTurn turn_;
-  AuditRecord record_;
-  Caller caller_;                        // set before Run
+  DatasetServiceImpl& service_;
+  PublicCall call_;
+  CallWork work_;
   std::shared_ptr<HistogramCall> self_;  // reset by OnDone
 };
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
     isoscope::v1::ListDatasetsResponse* response) {
-  const auto answer = [&](const rpc::Peer& peer, AuditRecord* record) -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
-    record->caller = caller.name();
+  const auto answer = [&](PublicCall* call) -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(call->Identify());
     ISOSCOPE_ASSIGN_OR_RETURN(Page page,
                               Page::Make("datasets", request->page_size(), request->page_token()));
-    for (const auto& [name, state] : registry_->datasets(caller)) {
+    for (const auto& [name, state] : state_.registry->datasets(call->caller())) {
       if (state.is_served && page.Offer(name)) {
         *response->add_datasets() = state.dataset;
       }
@@ -134,26 +121,24 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     response->set_next_page_token(page.next_token());
     return absl::OkStatus();
   };
-  return AnswerAtOnce(runner_, RequestMethod::kListDatasets, context, *request, "", answer);
+  return AnswerAtOnce(&state_.calls, RequestMethod::kListDatasets, context, *request, "", answer);
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     grpc::CallbackServerContext* context, const isoscope::v1::GetDatasetRequest* request,
     isoscope::v1::GetDatasetResponse* response) {
-  const auto answer = [&](const rpc::Peer& peer, AuditRecord* record) -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(peer));
-    record->caller = caller.name();
+  const auto answer = [&](PublicCall* call) -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(call->Identify());
     ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
-                              FindByNameOrId(*registry_, request->name(), caller));
-    record->dataset = state->dataset.name();
-    record->dataset_id = state->dataset.dataset_id();
+                              FindByNameOrId(*state_.registry, request->name(), call->caller()));
+    call->NoteDataset({.name = state->dataset.name(), .id = state->dataset.dataset_id()});
     *response->mutable_dataset() = state->dataset;
     if (!state->replica_sets.empty()) {
       response->set_picture_revision(frame::ToString(state->picture_revision));
     }
     return absl::OkStatus();
   };
-  return AnswerAtOnce(runner_, RequestMethod::kGetDataset, context, *request, request->name(),
+  return AnswerAtOnce(&state_.calls, RequestMethod::kGetDataset, context, *request, request->name(),
                       answer);
 }
 
@@ -164,17 +149,15 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
 }
 
 absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
-                                                 const Caller& caller,
-                                                 const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation,
-                                                 AuditRecord* record,
+                                                 PublicCall* call,
                                                  isoscope::v1::GetHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const wire::HistogramQuery query,
                             wire::HistogramQueryFromProto(request));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
-                            registry_->FindComplete(request.dataset(), cancellation, caller));
-  record->dataset = found->dataset.name();
-  record->dataset_id = found->dataset.dataset_id();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::shared_ptr<const DatasetState> found,
+      state_.registry->FindComplete(request.dataset(), cancellation, call->caller()));
+  call->NoteDataset({.name = found->dataset.name(), .id = found->dataset.dataset_id()});
   ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request.dataset_id()));
   std::vector<frame::Surface> no_surfaces;
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -184,10 +167,10 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       wire::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
-  const std::vector<FramePart> parts = runner_->PartsOf(dataset);
+  const std::vector<FramePart> parts = state_.PartsOf(dataset);
   const QueryOutcome<volume::HistogramPart> outcome =
-      AskHistogram({dataset.dataset.dataset_id(), parts}, query, identity, cancellation);
-  runner_->ReportQuery(identity, outcome.report);
+      AskHistogram({dataset.dataset.dataset_id(), parts}, query, call->request(), cancellation);
+  state_.ReportQuery(call->request(), outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const volume::HistogramPart& whole = *outcome.result;
   std::vector<volume::IsovalueSuggestion> suggestions;

@@ -8,17 +8,14 @@
 #include "absl/status/status.h"
 
 #include "core/base/cancellation.h"
-#include "core/base/trace_context.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
-#include "server/access/access_control.h"
-#include "server/access/audit_log.h"
 #include "server/admission/admission.h"
-#include "server/cluster/agent_registry.h"
-#include "server/frame/frame_runner.h"
+#include "server/call/public_call.h"
+#include "server/frame/coordinator_state.h"
 
 namespace isoscope::server {
 
-// Thread-safe. `registry` and `access` outlive it. Destroy it only after its server has shut down.
+// Thread-safe. Destroy it only after its server has shut down.
 class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackService {
  public:
   static constexpr int kMaxConcurrentHistograms = 2;
@@ -27,11 +24,9 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   static constexpr int kMaxConcurrentLabelValues = 2;
   static constexpr int kMaxQueuedLabelValues = 32;
 
-  // All of them outlive the service.
-  DatasetServiceImpl(AgentRegistry* registry, AccessControl* access, FrameRunner* runner)
-      : registry_(registry),
-        access_(access),
-        runner_(runner),
+  // The state outlives the service.
+  explicit DatasetServiceImpl(CoordinatorState* state)
+      : state_(*state),
         histograms_({.limits = {.max_working = kMaxConcurrentHistograms,
                                 .max_waiting = kMaxQueuedHistograms},
                      .noun = "histogram",
@@ -55,13 +50,10 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   class HistogramCall;
 
   absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
-                               const Caller& caller, const base::TraceContext& identity,
-                               const base::Cancellation& cancellation, AuditRecord* record,
+                               const base::Cancellation& cancellation, PublicCall* call,
                                isoscope::v1::GetHistogramResponse* response);
 
-  AgentRegistry* const registry_;
-  AccessControl* const access_;
-  FrameRunner* const runner_;
+  CoordinatorState& state_;
   // These come last: their threads use the members above. No histogram waits for labels.
   Admission histograms_;
   Admission label_values_;

@@ -29,15 +29,11 @@
 #include "core/mesh/surface_merger.h"
 #include "core/mesh/world_placement.h"
 #include "core/solid/surface_sums.h"
-#include "rpc/channel.h"
-#include "rpc/grpc_status.h"
-#include "rpc/peer.h"
-#include "rpc/request_context.h"
 #include "rpc/signs_of_life.h"
 #include "rpc/write_queue.h"
-#include "rpc/write_timeout.h"
-#include "server/admission/call_turn.h"
 #include "server/admission/coordinator_memory.h"
+#include "server/call/call_work.h"
+#include "server/call/public_call.h"
 #include "server/frame/surface_stream.h"
 #include "server/isosurface_service_impl.h"
 #include "server/pace_alarm.h"
@@ -67,33 +63,6 @@ struct ExportedSurface {
   std::optional<solid::SurfaceSums> sums;  // none if an agent has none
 };
 
-// The audit record of the call. OnCancel may end the call while the export finds its dataset.
-// Thread-safe.
-class AuditNote {
- public:
-  explicit AuditNote(AuditRecord record) : record_(std::move(record)) {}
-
-  [[nodiscard]] AuditRecord Get() const ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock lock(&mutex_);
-    return record_;
-  }
-
-  void SetCaller(const std::string& name) ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock lock(&mutex_);
-    record_.caller = name;
-  }
-
-  void SetDataset(const std::string& name, const std::string& id) ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock lock(&mutex_);
-    record_.dataset = name;
-    record_.dataset_id = id;
-  }
-
- private:
-  mutable base::Mutex mutex_;
-  AuditRecord record_ ABSL_GUARDED_BY(mutex_);
-};
-
 }  // namespace
 
 class IsosurfaceServiceImpl::ExportCall final
@@ -103,54 +72,50 @@ class IsosurfaceServiceImpl::ExportCall final
   ExportCall(const IsosurfaceServiceOptions& options, Admission* exports,
              grpc::CallbackServerContext* context, const v1::ExportIsosurfaceRequest& request)
       : options_(options),
+        state_(*options.state),
         request_(request),
-        identity_(rpc::AnswerTraceContext(context)),
-        turn_(exports, rpc::DeadlineOf(*context)),
-        unsent_(&options.runner->metrics()->unsent_bytes),
-        timeout_(context),
+        call_(&options.state->calls, RequestMethod::kExportIsosurface, context, request.dataset()),
+        work_(exports, call_.deadline()),
         outgoing_(
             kMaxQueuedExportBytes,
             [this](const v1::ExportIsosurfaceResponse* message) { StartWrite(message); },
-            [this](const absl::Status& status) { End(status); }),
-        audit_(RecordOf(rpc::PeerOf(*context), context->peer())) {
-    audit_.SetDataset(request.dataset(), "");
-  }
+            [this](const absl::Status& status) { End(status); }) {}
 
   // REQUIRES: a shared_ptr owns the call.
-  void Start(const grpc::CallbackServerContext& context) {
+  void Start() {
     self_ = shared_from_this();
-    const absl::Status admitted = Admit(context);
+    const absl::Status admitted = Admit();
     if (!admitted.ok()) {
       outgoing_.Finish(admitted);
       return;
     }
-    watch_.emplace(caller_.WhenWithdrawn([weak = weak_from_this()] {
+    watch_.emplace(call_.caller().WhenWithdrawn([weak = weak_from_this()] {
       if (const std::shared_ptr<ExportCall> self = weak.lock()) {
         const base::MutexLock lock(&self->end_mutex_);
         self->EndEarly(CutReason::kTokenWithdrawn, WithdrawnError());
-        self->timeout_.Start(kMaxLastWriteDuration);
+        self->call_.timeout().Start(kMaxLastWriteDuration);
       }
     }));
     signs_.Start(options_.sign_of_life_interval,
                  [this] { outgoing_.PushIfIdle([this] { return BeginMessage(); }); });
-    turn_.Schedule([self = shared_from_this()](const absl::Status& turn) { self->Run(turn); });
+    work_.Schedule([self = shared_from_this()](const absl::Status& turn) { self->Run(turn); });
   }
 
   void OnWriteDone(bool ok) override {
-    timeout_.Pause();
+    call_.timeout().Pause();
     pace_.OnWriteDone();
-    unsent_.Add(-in_flight_unsent_bytes_.exchange(0));
+    call_.unsent().Add(-in_flight_unsent_bytes_.exchange(0));
     outgoing_.OnWriteDone(ok);
   }
 
   void OnCancel() override {
     outgoing_.Close();
-    turn_.Cancel();
+    work_.Cancel();
     outgoing_.Finish(absl::CancelledError("the client cancelled the export"));
   }
 
   void OnDone() override {
-    timeout_.Stop();
+    call_.timeout().Stop();
     signs_.Stop();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
     const base::MutexLock lock(&end_mutex_);  // the service may be destroyed after this
@@ -158,24 +123,12 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
  private:
-  absl::Status Admit(const grpc::CallbackServerContext& context) {
-    ISOSCOPE_ASSIGN_OR_RETURN(caller_, options_.access->Identify(rpc::PeerOf(context)));
-    audit_.SetCaller(caller_.name());
+  absl::Status Admit() {
+    ISOSCOPE_RETURN_IF_ERROR(call_.Identify());
     ISOSCOPE_ASSIGN_OR_RETURN(spec_, wire::ExportSpecFromProto(request_));
-    // The caller's limits come first: above them, it must not take a place that another could have.
-    CoordinatorMetrics* const metrics = options_.runner->metrics();
-    ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller_.CheckBytes()));
-    absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kExport);
-    ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kExports, slot.status()));
-    ISOSCOPE_RETURN_IF_ERROR(
-        metrics->CountRefusal(TokenLimit::kFrameRate, caller_.TakeFrame(/*is_moving=*/false)));
-    absl::Status placed = turn_.TakePlace(caller_.QueueKey(context.peer()));
-    if (!placed.ok()) {
-      caller_.ReturnFrame();
-      return placed;
-    }
-    slot_.emplace(*std::move(slot));
-    return absl::OkStatus();
+    ISOSCOPE_RETURN_IF_ERROR(work_.TakeUse(call_.caller(), CallerUse::kExport));
+    ISOSCOPE_RETURN_IF_ERROR(work_.TakeRate(/*is_moving=*/false));
+    return work_.TakePlace(call_.caller().QueueKey(call_.origin().client));
   }
 
   // `turn`: the reason if the turn of the export did not come.
@@ -183,8 +136,6 @@ class IsosurfaceServiceImpl::ExportCall final
     const base::MonotonicTime start = base::MonotonicNow();
     if (turn.ok()) {
       pace_.Start(options_.export_limits, [self = shared_from_this()] { self->JudgePace(); });
-    } else if (absl::IsResourceExhausted(turn)) {
-      caller_.ReturnFrame();  // the export was evicted for another client
     }
     absl::Status status = turn.ok() ? Export() : turn;
     {
@@ -193,33 +144,31 @@ class IsosurfaceServiceImpl::ExportCall final
         status = end_;
       }
     }
-    if (memory_.has_value()) {
-      memory_->ShrinkTo(CoordinatorMemory::kExportAnswerBytes);
-    }
-    turn_.GiveBack();
+    work_.ShrinkMemory(CoordinatorMemory::kExportAnswerBytes);
+    work_.GiveBackPlace();
     outgoing_.Finish(status);
     const bool is_expected = status.ok() || absl::IsCancelled(status);
     base::Log(is_expected ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok()   ? "export_done"
               : is_expected ? "export_cancelled"
                             : "export_failed",
-              {{"request", identity_.request_id()},
+              {{"request", call_.request().request_id()},
                {"dataset", request_.dataset()},
                {"surfaces", frame::TextOf(spec_.rules)},
                {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start)},
                {"bytes", sent_bytes_.load()},
-               {"caller", caller_.name()},
-               {"peer", audit_.Get().peer},
+               {"caller", call_.caller().name()},
+               {"peer", call_.origin().client},
                {"status", status}});
   }
 
   absl::Status Export() {
-    const base::Cancellation& cancellation = turn_.cancellation();
+    const base::Cancellation& cancellation = work_.cancellation();
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::shared_ptr<const DatasetState> found,
-        options_.registry->FindComplete(request_.dataset(), cancellation, caller_));
-    audit_.SetDataset(found->dataset.name(), found->dataset.dataset_id());
+        state_.registry->FindComplete(request_.dataset(), cancellation, call_.caller()));
+    call_.NoteDataset({.name = found->dataset.name(), .id = found->dataset.dataset_id()});
     ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, request_.dataset_id()));
     std::vector<frame::Surface> no_surfaces;  // colours decide no mesh
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -231,11 +180,8 @@ class IsosurfaceServiceImpl::ExportCall final
                               wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout, LayoutOf(dataset, geometry));
 
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        base::MemoryBudget::Reservation memory,
-        options_.runner->ReserveExportMemory(options_.runner->PartsOf(*selected.dataset).size(),
-                                             cancellation));
-    memory_.emplace(std::move(memory));
+    ISOSCOPE_RETURN_IF_ERROR(work_.KeepMemory(
+        state_.memory.ReserveExport(state_.PartsOf(*selected.dataset).size(), cancellation)));
     const mesh::WorldPlacement placement(geometry);
     const mesh::SurfaceGrid grid{.geometry = geometry,
                                  .layout = layout,
@@ -276,14 +222,14 @@ class IsosurfaceServiceImpl::ExportCall final
     request.set_without_blocks(spec_.without_mesh);
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<mesh::SurfaceSource*> sources;
-    for (FramePart& part : options_.runner->PartsOf(dataset)) {
-      streams.push_back(std::make_unique<SurfaceStream>(std::move(part), grid.layout, request,
-                                                        turn_.cancellation().deadline(),
-                                                        options_.max_agent_silence, identity_));
+    for (FramePart& part : state_.PartsOf(dataset)) {
+      streams.push_back(std::make_unique<SurfaceStream>(
+          std::move(part), grid.layout, request, work_.cancellation().deadline(),
+          options_.max_agent_silence, call_.request()));
       sources.push_back(streams.back().get());
     }
     absl::StatusOr<std::int64_t> vertex_count = [&] {
-      const base::Cancellation::Callback stop(turn_.cancellation(), [&streams] {
+      const base::Cancellation::Callback stop(work_.cancellation(), [&streams] {
         for (const std::unique_ptr<SurfaceStream>& stream : streams) {
           stream->Cancel();
         }
@@ -297,7 +243,7 @@ class IsosurfaceServiceImpl::ExportCall final
       sums.push_back(stream->sums());
       failures.insert(failures.end(), stream->failures().begin(), stream->failures().end());
     }
-    options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
+    state_.ReportFailures(call_.request(), /*frame_number=*/0, failures);
     ISOSCOPE_RETURN_IF_ERROR(vertex_count.status());
     return ExportedSurface{.vertex_count = *vertex_count, .sums = solid::TotalOf(sums)};
   }
@@ -318,9 +264,9 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
   absl::Status Send(mesh::SurfaceChunk chunk) {
-    ISOSCOPE_RETURN_IF_ERROR(turn_.cancellation().Check());
+    ISOSCOPE_RETURN_IF_ERROR(work_.cancellation().Check());
     sent_bytes_ += chunk.size_bytes();
-    caller_.CountBytes(chunk.size_bytes());
+    call_.caller().CountBytes(chunk.size_bytes());
     v1::ExportIsosurfaceResponse message = BeginMessage();
     message.set_positions(std::move(chunk.positions));
     message.set_normals(std::move(chunk.normals));
@@ -335,26 +281,24 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
   absl::Status Push(v1::ExportIsosurfaceResponse message) {
-    unsent_.Add(BytesOf(message));  // if it is never written, the call subtracts it
+    call_.unsent().Add(BytesOf(message));  // if it is never written, the call subtracts it
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
-    ISOSCOPE_RETURN_IF_ERROR(turn_.cancellation().Check());
+    ISOSCOPE_RETURN_IF_ERROR(work_.cancellation().Check());
     return absl::CancelledError("the stream has ended");
   }
 
   void StartWrite(const v1::ExportIsosurfaceResponse* message) {
-    timeout_.Start(kMaxChunkDuration);
+    call_.timeout().Start(kMaxChunkDuration);
     in_flight_unsent_bytes_ = BytesOf(*message);
     pace_.OnWriteBegun(message->ByteSizeLong());
     ServerWriteReactor::StartWrite(message);
   }
 
   void End(const absl::Status& status) {
-    slot_.reset();  // before the client receives the end, and may start another export
-    options_.runner->EndRequest(RequestMethod::kExportIsosurface, audit_.Get(), identity_, status,
-                                base::MonotonicNow() - arrival_);
-    Finish(rpc::ToGrpcStatus(status));
+    work_.GiveBackShare();  // before the client receives the end, and may start another export
+    Finish(call_.End(status));
   }
 
   // Ends the export after the chunk that is on its way, with a reason for the client.
@@ -364,9 +308,9 @@ class IsosurfaceServiceImpl::ExportCall final
       return;
     }
     end_ = status;
-    options_.runner->metrics()->CountCut(reason);
+    call_.CountCut(reason);
     outgoing_.Finish(status);  // first: the errors of the stopped streams say less
-    turn_.Cancel();
+    work_.Cancel();
   }
 
   void JudgePace() ABSL_LOCKS_EXCLUDED(end_mutex_) {
@@ -393,35 +337,29 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
   const IsosurfaceServiceOptions& options_;
+  CoordinatorState& state_;
   const v1::ExportIsosurfaceRequest request_;
-  const base::TraceContext identity_;
-  const base::MonotonicTime arrival_ = base::MonotonicNow();
-  Caller caller_;  // set before Run
-  std::optional<CallerSlot> slot_;
+  PublicCall call_;
+  // Its memory is kept until the client has the last chunk: many slow clients hold as many queues.
+  CallWork work_;
   std::optional<WithdrawalWatch> watch_;
-  CallTurn turn_;
   wire::ExportSpec spec_;  // set before Run
   mutable base::Mutex begun_mutex_;
   v1::ExportIsosurfaceResponse begun_ ABSL_GUARDED_BY(begun_mutex_);  // its surface, and its origin
-  // Kept until the client has the last chunk: many slow clients hold as many queues.
-  std::optional<base::MemoryBudget::Reservation> memory_;
-  base::GaugeShare unsent_;
   std::atomic<std::int64_t> in_flight_unsent_bytes_{0};
-  rpc::WriteTimeout timeout_;
   PaceAlarm pace_;
   rpc::SignsOfLife signs_;
   rpc::WriteQueue<v1::ExportIsosurfaceResponse> outgoing_;
   std::atomic<std::size_t> sent_bytes_{0};
   base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; always locked first
   absl::Status end_ ABSL_GUARDED_BY(end_mutex_);  // why it was ended early
-  AuditNote audit_;
-  std::shared_ptr<ExportCall> self_;  // reset by OnDone
+  std::shared_ptr<ExportCall> self_;              // reset by OnDone
 };
 
 grpc::ServerWriteReactor<v1::ExportIsosurfaceResponse>* IsosurfaceServiceImpl::ExportIsosurface(
     grpc::CallbackServerContext* context, const v1::ExportIsosurfaceRequest* request) {
   const auto call = std::make_shared<ExportCall>(options_, &exports_, context, *request);
-  call->Start(*context);
+  call->Start();
   return call.get();
 }
 

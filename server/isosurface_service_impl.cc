@@ -14,11 +14,7 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
-#include "rpc/channel.h"
-#include "rpc/grpc_status.h"
-#include "rpc/peer.h"
-#include "rpc/request_context.h"
-#include "rpc/write_timeout.h"
+#include "server/call/public_call.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/pick_job.h"
 #include "server/frame/picture_job.h"
@@ -53,7 +49,7 @@ class FrameCall : public Reactor {
 
   void OnCancel() override { ticket_->Cancel(); }
   void OnDone() override {
-    timeout_.Stop();
+    call_.timeout().Stop();
     const std::shared_ptr<FrameCall> last_use = std::move(self_);
   }
 
@@ -62,33 +58,28 @@ class FrameCall : public Reactor {
   FrameCall(RequestMethod method, grpc::CallbackServerContext* context,
             const IsosurfaceServiceOptions& options, FrameClaim claim,
             typename Job::Response* response)
-      : method_(method),
-        caller_(options.access->Identify(rpc::PeerOf(*context))),
-        response_(*response),
-        unsent_(&options.runner->metrics()->unsent_bytes),
-        timeout_(context) {
-    claim.client_deadline = rpc::DeadlineOf(*context);
+      : runner_(*options.runner),
+        call_(&options.state->calls, method, context),
+        identified_(call_.Identify()),
+        response_(*response) {
+    claim.client_deadline = call_.deadline();
     claim.max_duration = options.max_frame_duration;
-    const FrameOrigin origin{.request = rpc::AnswerTraceContext(context),
-                             .client = context->peer(),
-                             .certificate = rpc::PeerOf(*context).name,
-                             .caller = caller_.ok() ? *caller_ : Caller()};
-    ticket_ = std::make_shared<FrameTicket>(options.runner, origin, claim);
+    ticket_ = std::make_shared<FrameTicket>(options.state, call_.origin(), claim);
   }
 
   // Begins to send the response, or ends the call with an error.
   virtual void Send(const absl::Status& status) = 0;
-  void StartTimeout(absl::Duration timeout) { timeout_.Start(timeout); }
+  void StartTimeout(absl::Duration timeout) { call_.timeout().Start(timeout); }
   void End(const absl::Status& status) {
-    ticket_->EndRequest(method_, status);
-    this->Finish(rpc::ToGrpcStatus(status));
+    call_.NoteDataset(ticket_->dataset());
+    this->Finish(call_.End(status));
   }
 
  private:
   absl::Status Admit(const typename Job::Request& request, const absl::Status& checked) {
-    ISOSCOPE_RETURN_IF_ERROR(caller_.status());
+    ISOSCOPE_RETURN_IF_ERROR(identified_);
     ISOSCOPE_RETURN_IF_ERROR(checked);
-    ISOSCOPE_ASSIGN_OR_RETURN(job_, Job::Admit(ticket_, request));
+    ISOSCOPE_ASSIGN_OR_RETURN(job_, Job::Admit(&runner_, ticket_, request));
     return absl::OkStatus();
   }
 
@@ -96,20 +87,19 @@ class FrameCall : public Reactor {
   void Work() {
     const absl::Status status = job_->Run(&response_);
     const std::size_t answer_bytes = status.ok() ? response_.ByteSizeLong() : 0;
-    unsent_.Set(static_cast<std::int64_t>(answer_bytes));
+    call_.unsent().Set(static_cast<std::int64_t>(answer_bytes));
     Send(status);
     // The answer is on its way: release its images and the rest of its memory.
     job_.reset();
     ticket_->KeepMemoryOfAnswer(answer_bytes);
   }
 
-  const RequestMethod method_;
-  const absl::StatusOr<Caller> caller_;
+  FrameRunner& runner_;
+  PublicCall call_;
+  const absl::Status identified_;
   typename Job::Response& response_;
   std::shared_ptr<FrameTicket> ticket_;
-  std::unique_ptr<Job> job_;  // while it works
-  base::GaugeShare unsent_;   // until OnDone
-  rpc::WriteTimeout timeout_;
+  std::unique_ptr<Job> job_;         // while it works
   std::shared_ptr<FrameCall> self_;  // reset by OnDone
 };
 

@@ -8,18 +8,16 @@
 
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "rpc/signs_of_life.h"
-#include "server/access/access_control.h"
 #include "server/admission/admission.h"
 #include "server/admission/export_pace.h"
-#include "server/cluster/agent_registry.h"
+#include "server/frame/coordinator_state.h"
 #include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
 
 struct IsosurfaceServiceOptions {
-  AgentRegistry* registry = nullptr;  // outlives the service, as the runner does
+  CoordinatorState* state = nullptr;  // outlives the service, as the runner does
   FrameRunner* runner = nullptr;
-  AccessControl* access = nullptr;  // outlives the service, too
   absl::Duration max_frame_duration = absl::Minutes(5);
   // An export ends if an agent sends nothing for this long.
   absl::Duration max_agent_silence = absl::Minutes(5);

@@ -30,6 +30,10 @@ MetricSample MetricSample::Of(double value, MetricLabels labels) {
   return {.labels = std::move(labels), .value = value, .cumulative_counts = {}};
 }
 
+MetricSample MetricSample::Of(const Counter& counter, MetricLabels labels) {
+  return Of(static_cast<double>(counter.value()), std::move(labels));
+}
+
 MetricSample MetricSample::Of(const DurationHistogram& histogram, MetricLabels labels) {
   MetricSample sample;
   sample.labels = std::move(labels);

@@ -1,8 +1,8 @@
 // Numbers about a running process, for monitoring: counters and histograms that many threads update
 // by atomics alone, and samples for a scrape. http::MetricsServer serves them.
 //
-// A program has one file with all of its metrics (server/coordinator_metrics,
-// partition-agent/agent_metrics, web-gateway/gateway_metrics). Names and units follow Prometheus:
+// The coordinator's metrics belong to the parts that count them (AppendMetrics). An agent and a
+// gateway have one file each with all of theirs (agent_metrics, gateway_metrics). Names and units follow Prometheus:
 // isoscope_<what>_<unit>, base units (seconds, bytes), counters end in _total.
 
 #ifndef ISOSCOPE_CORE_BASE_METRICS_H_
@@ -118,6 +118,7 @@ using MetricLabels = std::vector<std::pair<std::string, std::string>>;
 // One value, or one histogram, of a metric.
 struct MetricSample {
   static MetricSample Of(double value, MetricLabels labels = {});
+  static MetricSample Of(const Counter& counter, MetricLabels labels = {});
   static MetricSample Of(const DurationHistogram& histogram, MetricLabels labels = {});
 
   MetricLabels labels;

@@ -38,7 +38,12 @@ constexpr double kByteBurstSeconds = 10;
 // A caller at its limit may retry after this delay: the time of a frame.
 constexpr absl::Duration kUseDelay = absl::Milliseconds(500);
 
+// In the order of the enumerators.
+constexpr std::array<const char*, kTokenLimitCount> kTokenLimitNames = {
+    "frame_rate", "frames", "streams", "exports", "bytes"};
+
 struct UseLimit {
+  TokenLimit limit = TokenLimit::kFrames;
   int most = 0;  // 0: no limit
   const char* noun = "";
   const char* member = "";
@@ -47,11 +52,11 @@ struct UseLimit {
 UseLimit LimitOf(const AccessToken& token, CallerUse use) {
   switch (use) {
     case CallerUse::kFrame:
-      return {token.max_concurrent_frames, "frames", "max_concurrent_frames"};
+      return {TokenLimit::kFrames, token.max_concurrent_frames, "frames", "max_concurrent_frames"};
     case CallerUse::kStream:
-      return {token.max_streams, "interactive streams", "max_streams"};
+      return {TokenLimit::kStreams, token.max_streams, "interactive streams", "max_streams"};
     case CallerUse::kExport:
-      return {token.max_exports, "exports", "max_exports"};
+      return {TokenLimit::kExports, token.max_exports, "exports", "max_exports"};
   }
   return {};
 }
@@ -64,7 +69,9 @@ absl::Status NothingShown() {
 
 }  // namespace
 
-AccessGrant::AccessGrant(AccessToken token, base::MonotonicTime now) : token_(std::move(token)) {
+AccessGrant::AccessGrant(AccessToken token, base::MonotonicTime now,
+                         std::shared_ptr<TokenRefusals> refusals)
+    : token_(std::move(token)), refusals_(std::move(refusals)) {
   if (token_.max_frames_per_second > 0) {
     frames_.emplace(token_.max_frames_per_second, std::max(2.0, token_.max_frames_per_second), now);
   }
@@ -83,7 +90,8 @@ absl::Status AccessGrant::TakeFrame(int spared, base::MonotonicTime now) {
     frames_->Take(1);
     return absl::OkStatus();
   }
-  const absl::Duration wait = frames_->TimeUntil(1 + spared);
+  refusals_->Count(TokenLimit::kFrameRate);
+  const absl::Duration wait = frames_->TimeUntil(1 + spared, now);
   return base::WithReason(
       base::WithRetryDelay(
           absl::ResourceExhaustedError(
@@ -108,6 +116,7 @@ absl::Status AccessGrant::BeginUse(CallerUse use) {
     ++count;
     return absl::OkStatus();
   }
+  refusals_->Count(limit.limit);
   return base::WithReason(
       base::WithRetryDelay(
           absl::ResourceExhaustedError(absl::StrCat(
@@ -127,7 +136,9 @@ absl::Status AccessGrant::CheckBytes(base::MonotonicTime now) {
   if (!bytes_.has_value() || bytes_->Level(now) > 0) {
     return absl::OkStatus();
   }
-  const absl::Duration wait = std::max(bytes_->TimeUntil(1), absl::Milliseconds(1));
+  refusals_->Count(TokenLimit::kBytes);
+  const double wanted = std::min(1.0, token_.max_bytes_per_second * kByteBurstSeconds);
+  const absl::Duration wait = std::max(bytes_->TimeUntil(wanted, now), absl::Milliseconds(1));
   return base::WithReason(
       base::WithRetryDelay(
           absl::ResourceExhaustedError(
@@ -286,6 +297,19 @@ void AccessControl::Watch() {
   }
 }
 
+void AccessControl::AppendMetrics(std::vector<base::MetricFamily>* families) const {
+  base::MetricFamily family{
+      .name = "isoscope_token_refusals_total",
+      .help = "Frames, streams and exports that a token's limit refused, by limit.",
+      .type = base::MetricFamily::Type::kCounter,
+      .samples = {}};
+  for (std::size_t i = 0; i < kTokenLimitCount; ++i) {
+    family.samples.push_back(
+        base::MetricSample::Of(refusals_->counts[i], {{"limit", kTokenLimitNames[i]}}));
+  }
+  families->push_back(std::move(family));
+}
+
 absl::Status AccessControl::Load() {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text,
                             io::ReadWholeFile(options_.token_file, kMaxFileBytes));
@@ -297,8 +321,9 @@ absl::Status AccessControl::Load() {
   for (AccessToken& token : tokens) {
     const auto same = std::find_if(before.begin(), before.end(),
                                    [&](const auto& grant) { return grant->token() == token; });
-    grants_.push_back(same != before.end() ? *same
-                                           : std::make_shared<AccessGrant>(std::move(token), now));
+    grants_.push_back(same != before.end()
+                          ? *same
+                          : std::make_shared<AccessGrant>(std::move(token), now, refusals_));
   }
   for (const std::shared_ptr<AccessGrant>& grant : before) {
     if (std::find(grants_.begin(), grants_.end(), grant) == grants_.end()) {

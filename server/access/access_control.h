@@ -45,10 +45,22 @@ namespace isoscope::server {
 // Uses whose number at a time is limited for the holder of a token.
 enum class CallerUse { kFrame, kStream, kExport };
 
+// Limits of a token (docs/security.md) that refuse calls.
+enum class TokenLimit { kFrameRate, kFrames, kStreams, kExports, kBytes };
+inline constexpr std::size_t kTokenLimitCount = 5;
+
+// Counts the calls that the limits of all tokens refused. Thread-safe.
+struct TokenRefusals {
+  void Count(TokenLimit limit) { counts[static_cast<std::size_t>(limit)].Add(); }
+
+  std::array<base::Counter, kTokenLimitCount> counts;
+};
+
 // Rights of the holder of a token, and how much of them is used. Thread-safe.
 class AccessGrant {
  public:
-  AccessGrant(AccessToken token, base::MonotonicTime now);
+  AccessGrant(AccessToken token, base::MonotonicTime now,
+              std::shared_ptr<TokenRefusals> refusals = std::make_shared<TokenRefusals>());
 
   [[nodiscard]] const AccessToken& token() const { return token_; }
   // The errors of these three are RESOURCE_EXHAUSTED with a retry delay (retry_delay.h). `spared`:
@@ -74,6 +86,7 @@ class AccessGrant {
   static constexpr std::size_t kUseCount = 3;
 
   const AccessToken token_;
+  const std::shared_ptr<TokenRefusals> refusals_;
   std::atomic<bool> is_withdrawn_{false};
   base::Mutex mutex_;
   std::optional<RateBucket> frames_ ABSL_GUARDED_BY(mutex_);  // none: no limit
@@ -194,6 +207,8 @@ class AccessControl {
   absl::Status CheckStillValid(const Caller& caller) ABSL_LOCKS_EXCLUDED(mutex_);
   // Number of reloads that failed because the changed file was wrong.
   [[nodiscard]] std::int64_t failed_reloads() const { return failed_reloads_.value(); }
+  // Adds the refusals of calls by limits of tokens.
+  void AppendMetrics(std::vector<base::MetricFamily>* families) const;
 
  private:
   explicit AccessControl(AccessOptions options) : options_(std::move(options)) {}
@@ -205,6 +220,7 @@ class AccessControl {
   void Watch() ABSL_LOCKS_EXCLUDED(mutex_);
 
   const AccessOptions options_;
+  const std::shared_ptr<TokenRefusals> refusals_ = std::make_shared<TokenRefusals>();
   base::Counter failed_reloads_;
   base::Mutex mutex_;
   base::CondVar changed_;  // tokens were withdrawn, or all stops

@@ -8,6 +8,7 @@
 
 #include "absl/time/time.h"
 
+#include "core/base/check.h"
 #include "core/base/monotonic_time.h"
 
 namespace isoscope::server {
@@ -29,9 +30,11 @@ class RateBucket {
   }
   // Takes `amount`, even if less is available. A negative amount returns units.
   void Take(double amount) { level_ = std::min(burst_, level_ - amount); }
-  // The time until the level is `wanted`, in whole milliseconds.
-  [[nodiscard]] absl::Duration TimeUntil(double wanted) const {
-    return absl::Milliseconds(std::max(0.0, std::ceil((wanted - level_) / rate_ * 1000)));
+  // The time from now until the level is `wanted`, in whole milliseconds. REQUIRES: `wanted` is at
+  // most the capacity; no level is above it, so the time would never come.
+  absl::Duration TimeUntil(double wanted, base::MonotonicTime now) {
+    ISOSCOPE_CHECK_LE(wanted, burst_);
+    return absl::Milliseconds(std::max(0.0, std::ceil((wanted - Level(now)) / rate_ * 1000)));
   }
 
  private:

@@ -373,6 +373,43 @@ std::map<std::string, DatasetState> AgentRegistry::datasets(const Caller& caller
   return DatasetsFor(caller, Latest()->datasets);
 }
 
+void AgentRegistry::AppendMetrics(std::vector<base::MetricFamily>* families) const {
+  using base::MetricSample;
+  constexpr auto kGauge = base::MetricFamily::Type::kGauge;
+  const std::shared_ptr<const Snapshot> snapshot = Latest();
+  int reachable = 0;
+  int unreachable = 0;
+  int opening = 0;
+  std::size_t damaged_shards = 0;
+  for (const auto& [address, member] : snapshot->members) {
+    const AgentState& agent = member.state;
+    ++(agent.status.ok() ? reachable : agent.opening.has_value() ? opening : unreachable);
+    damaged_shards += static_cast<std::size_t>(agent.damaged_shards.size());
+  }
+  int complete = 0;
+  int incomplete = 0;
+  for (const auto& [name, dataset] : snapshot->datasets) {
+    ++(dataset.status.ok() ? complete : incomplete);
+  }
+  families->push_back({.name = "isoscope_agents",
+                       .help = "Agents, as they were last seen.",
+                       .type = kGauge,
+                       .samples = {MetricSample::Of(reachable, {{"state", "reachable"}}),
+                                   MetricSample::Of(unreachable, {{"state", "unreachable"}}),
+                                   MetricSample::Of(opening, {{"state", "opening"}})}});
+  families->push_back({.name = "isoscope_damaged_shards",
+                       .help = "Shards with files that their agents could not read.",
+                       .type = kGauge,
+                       .samples = {MetricSample::Of(static_cast<double>(damaged_shards))}});
+  families->push_back(
+      {.name = "isoscope_datasets",
+       .help = "Datasets; of a complete one all shards are served, by agents of one picture "
+               "revision.",
+       .type = kGauge,
+       .samples = {MetricSample::Of(complete, {{"state", "complete"}}),
+                   MetricSample::Of(incomplete, {{"state", "incomplete"}})}});
+}
+
 absl::Status AgentRegistry::WaitUntilReady(base::MonotonicTime deadline) {
   const base::Cancellation never;
   while (true) {

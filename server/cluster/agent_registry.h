@@ -31,6 +31,7 @@
 #include "absl/types/span.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/metrics.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "rpc/transport.h"
@@ -100,6 +101,9 @@ class AgentRegistry {
   [[nodiscard]] std::vector<AgentState> agents() const;
   // Returns the datasets that the caller may see, by name.
   [[nodiscard]] std::map<std::string, DatasetState> datasets(const Caller& caller = {}) const;
+
+  // Adds the numbers of agents and datasets, as they were last seen.
+  void AppendMetrics(std::vector<base::MetricFamily>* families) const;
 
   // Does what CoordinatorServer::WaitUntilReady does.
   absl::Status WaitUntilReady(base::MonotonicTime deadline);

@@ -55,10 +55,22 @@ std::shared_ptr<const ActiveBlocks> ActiveBlocksCache::Find(const std::string& k
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.key == key; });
   if (found == entries_.end()) {
+    misses_.Add();
     return nullptr;
   }
+  hits_.Add();
   entries_.splice(entries_.begin(), entries_, found);
   return found->active;
+}
+
+void ActiveBlocksCache::AppendMetrics(std::vector<base::MetricFamily>* families) const {
+  using base::MetricSample;
+  families->push_back(
+      {.name = "isoscope_cache_lookups_total",
+       .help = "Looks into a cache, by result.",
+       .type = base::MetricFamily::Type::kCounter,
+       .samples = {MetricSample::Of(hits_, {{"cache", "active_blocks"}, {"result", "hit"}}),
+                   MetricSample::Of(misses_, {{"cache", "active_blocks"}, {"result", "miss"}})}});
 }
 
 void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active) {

@@ -14,6 +14,7 @@
 
 #include "absl/base/thread_annotations.h"
 
+#include "core/base/metrics.h"
 #include "core/base/mutex.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
@@ -42,9 +43,11 @@ class ActiveBlocksCache {
                            const std::vector<std::vector<int>>& shard_indices_by_agent,
                            const std::vector<volume::InsideRule>& rules);
 
-  // Returns null if there is no value.
+  // Counts the look. Returns null if there is no value.
   std::shared_ptr<const ActiveBlocks> Find(const std::string& key);
   void Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active);
+
+  void AppendMetrics(std::vector<base::MetricFamily>* families) const;
 
  private:
   struct Entry {
@@ -54,6 +57,8 @@ class ActiveBlocksCache {
   };
 
   const std::size_t max_bytes_;
+  base::Counter hits_;
+  base::Counter misses_;
   base::Mutex mutex_;
   std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // most recently used first; few
   std::size_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;

@@ -17,7 +17,6 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
@@ -64,15 +63,6 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
                                   frame::RulesOf(spec));
 }
 
-void LogLostHedge(const base::TraceContext& request, std::int64_t frame_number,
-                  const AgentIdentity& agent) {
-  base::LogInfo("agent_outrun",
-                {{"request", request.request_id()},
-                 {"frame", frame_number},
-                 {"agent", agent.address},
-                 {"shards", base::OwnText{absl::StrJoin(agent.shard_indices, ",")}}});
-}
-
 }  // namespace
 
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
@@ -81,43 +71,25 @@ absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& datase
   return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
 }
 
-FrameRunner::FrameRunner(const FrameRunnerOptions& options)
-    : options_(options),
-      memory_(options.memory_limit_bytes, options.agent_limit),
-      active_blocks_(memory_.active_blocks_bytes()),
-      images_(image::FrameImagePool::Make(memory_.unused_image_bytes())),
-      admission_({.limits = {.max_working = options.max_concurrent_frames,
-                             .max_waiting = options.max_queued_frames}}) {
-  if (options.expected_viewport) {
-    // Two, because one may still be cleared when the next frame begins.
-    for (int i = 0; i < 2; ++i) {
-      images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
-    }
+absl::StatusOr<FrameTarget> FrameRunner::Prepare(FrameTicket* ticket, AskedFrame* asked,
+                                                 base::TraceRecorder* trace) {
+  {
+    const base::TraceScope scope(trace, "memory");
+    ISOSCOPE_RETURN_IF_ERROR(ticket->TakeMemory(asked->spec));
   }
-}
-
-absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
-                                                    const frame::FrameSpec& spec, Delivery delivery,
-                                                    bool has_trace) {
-  if (absl::Status fits = memory_.CheckFits(spec, delivery, TraceBytes(has_trace)); !fits.ok()) {
-    metrics_.frames.too_large.Add();
-    return fits;
-  }
-  absl::StatusOr<Admission::Place> place = admission_.Admit(client);
-  if (!place.ok()) {
-    metrics_.frames.refused.Add();
-  }
-  return place;
+  const base::TraceScope scope(trace, "find dataset");
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameTarget target, FindTarget(ticket->Identity(), asked));
+  ticket->NoteDataset(target.dataset->dataset);
+  return target;
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identity,
                                                     AskedFrame* asked) {
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
   const frame::FrameSpec& spec = asked->spec;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::shared_ptr<const DatasetState> found,
-      options_.registry->FindComplete(asked->dataset, *identity.cancellation, *identity.caller,
-                                      asked->allow_partial));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
+                            state_.registry->FindComplete(asked->dataset, *identity.cancellation,
+                                                          *identity.caller, asked->allow_partial));
   ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(found->dataset, asked->dataset_id));
   ISOSCOPE_ASSIGN_OR_RETURN(
       SelectedVolume selected,
@@ -131,8 +103,9 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
       wire::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   std::vector<FramePart> parts =
-      replicas_.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::RulesOf(spec)));
-  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(identity, {id, parts, NextTurn()}, geometry, layout, asked));
+      state_.replicas.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::RulesOf(spec)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      PlaceCamera(identity, {id, parts, state_.NextTurn()}, geometry, layout, asked));
   ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
                             view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
   ISOSCOPE_RETURN_IF_ERROR(
@@ -153,7 +126,7 @@ absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const Query
     const QueryOutcome<ActiveExtent> outcome =
         AskActiveBox(query, layout, frame::RulesOf(asked->spec), asked->spec.clip,
                      *identity.request, *identity.cancellation);
-    ReportQuery(*identity.request, outcome.report);
+    state_.ReportQuery(*identity.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->cells.has_value()) {
       surface_bounds = view::ClippedBounds(view::BoundsOfCells(geometry, *outcome.result->cells),
@@ -188,8 +161,6 @@ class FrameRunner::Attempt {
 
   // With an error, `lost_parts` are those of FrameOutcome.
   absl::StatusOr<FrameResult> Run(std::vector<std::size_t>* lost_parts) {
-    CoordinatorMetrics& metrics = runner_.metrics_;
-    (active_ != nullptr ? metrics.active_blocks_hits : metrics.active_blocks_misses).Add();
     FrameOutcome outcome = RunFrame(
         Setup(),
         [this](int part, int replica, AgentListener* listener) {
@@ -227,18 +198,18 @@ class FrameRunner::Attempt {
     setup.ties = target_.order.ties;
     setup.active = active_;
     setup.max_waiting_bytes = WaitingBandBytes(spec_);
-    setup.images = runner_.images_.get();
-    setup.arena = runner_.options_.arena.get();
+    setup.images = runner_.state_.images.get();
+    setup.arena = runner_.state_.arena.get();
     setup.trace = identity_.trace;
     setup.phase = identity_.phase;
     for (const FramePart& part : parts_) {
       setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
     }
     setup.is_lost = [this](int part, int replica) {
-      return !runner_.options_.registry->IsReachable(AddressOf(part, replica));
+      return !runner_.state_.registry->IsReachable(AddressOf(part, replica));
     };
     setup.may_hedge = [this](int part, int replica) {
-      if (!runner_.replicas_.TryHedge(AddressOf(part, replica))) {
+      if (!runner_.state_.replicas.TryHedge(AddressOf(part, replica))) {
         return false;
       }
       slow_.insert(AddressOf(part, replica - 1));
@@ -256,26 +227,26 @@ class FrameRunner::Attempt {
     if (identity_.trace != nullptr) {
       trace_target = {.zero = identity_.trace_zero,
                       .trace = &traces_.emplace_back(),
-                      .max_spans = runner_.memory_.max_trace_spans() / 4 * 3 / parts_.size()};
+                      .max_spans = runner_.state_.memory.max_trace_spans() / 4 * 3 / parts_.size()};
     }
-    leases_.push_back(runner_.replicas_.Take(agent.address));
+    leases_.push_back(runner_.state_.replicas.Take(agent.address));
     begins_.emplace(agent.address, base::MonotonicNow());
     return BeginFrameOnAgent(agent, std::move(of_part), target_.dataset->dataset.block_count(),
-                             identity_.cancellation->deadline(), runner_.options_.mailboxes.get(),
+                             identity_.cancellation->deadline(), runner_.state_.mailboxes.get(),
                              *identity_.request, trace_target, listener);
   }
 
   // Records which agents succeeded, so that the next frames prefer those.
   void Learn(const FrameOutcome& outcome) {
-    using PartOutcome = CoordinatorMetrics::PartOutcome;
-    CoordinatorMetrics& metrics = runner_.metrics_;
-    runner_.ReportFailures(*identity_.request, identity_.number, outcome.failures);
-    metrics.parts.hedged.Add(outcome.hedge_count);
-    metrics.parts.lost_hedges.Add(static_cast<std::int64_t>(outcome.lost_hedges.size()));
+    using PartOutcome = AgentMetrics::PartOutcome;
+    AgentMetrics& metrics = runner_.state_.agent_metrics;
+    runner_.state_.ReportFailures(*identity_.request, identity_.number, outcome.failures);
+    metrics.hedged.Add(outcome.hedge_count);
+    metrics.lost_hedges.Add(static_cast<std::int64_t>(outcome.lost_hedges.size()));
     if (outcome.status.ok()) {
-      metrics.parts.repeated.Add(static_cast<std::int64_t>(outcome.failures.size()));
+      metrics.repeated.Add(static_cast<std::int64_t>(outcome.failures.size()));
       for (const frame::AgentStatistics& agent : outcome.result.agents) {
-        runner_.replicas_.NoteSuccess(agent.agent_address);
+        runner_.state_.replicas.NoteSuccess(agent.agent_address);
         metrics.CountPart(agent.agent_address, PartOutcome::kDone);
       }
     }
@@ -295,10 +266,10 @@ class FrameRunner::Attempt {
     const base::MonotonicTime now = base::MonotonicNow();
     const auto begin = begins_.find(address);
     if (!is_only_late || slow_.contains(address) ||
-        !runner_.options_.registry->IsReachable(address)) {
-      runner_.replicas_.NoteTrouble(address, now);
+        !runner_.state_.registry->IsReachable(address)) {
+      runner_.state_.replicas.NoteTrouble(address, now);
     } else if (begin != begins_.end()) {
-      runner_.replicas_.NoteUnanswered(address, now - begin->second, now);
+      runner_.state_.replicas.NoteUnanswered(address, now - begin->second, now);
     }
   }
 
@@ -345,69 +316,16 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
     return absl::OkStatus();
   }
   const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
-      {dataset.dataset_id(), parts, NextTurn()}, target.layout, frame::RulesOf(asked.spec),
+      {dataset.dataset_id(), parts, state_.NextTurn()}, target.layout, frame::RulesOf(asked.spec),
       asked.spec.clip, *identity.request, *identity.cancellation);
-  ReportQuery(*identity.request, outcome.report);
+  state_.ReportQuery(*identity.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const auto all = static_cast<double>(outcome.result->active_block_count);
   cost->missing_shards = missing;
   cost->active_block_coverage =
       all == 0 ? 1.0 : static_cast<double>(cost->total.active_block_count) / all;
-  metrics_.frames.partial.Add();
+  state_.frame_metrics.partial.Add();
   return absl::OkStatus();
-}
-
-void FrameRunner::ReportQuery(const base::TraceContext& request, const QueryReport& report) {
-  ReportFailures(request, /*frame_number=*/0, report.failures);
-  for (const LostHedge& lost : report.lost_hedges) {
-    replicas_.NoteUnanswered(lost.agent.address, lost.waited);
-    LogLostHedge(request, /*frame_number=*/0, lost.agent);
-  }
-}
-
-void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
-                                 const std::vector<AgentFailure>& failures) {
-  for (const AgentFailure& failure : failures) {
-    if (absl::IsCancelled(failure.status)) {
-      continue;  // we cancelled the call: no failure of the agent
-    }
-    metrics_.CountAgentFailure(failure.stage, failure.status);
-    base::LogWarning("agent_failed",
-                     {{"request", request.request_id()},
-                      {"frame", frame_number},
-                      {"agent", failure.agent.address},
-                      {"shards", base::OwnText{absl::StrJoin(failure.agent.shard_indices, ",")}},
-                      {"stage", NameOf(failure.stage)},
-                      {"status", failure.status}});
-    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
-      options_.registry->ReportFailure(failure.agent.address);
-    }
-  }
-}
-
-void FrameRunner::EndRequest(RequestMethod method, const AuditRecord& record,
-                             const base::TraceContext& request, const absl::Status& status,
-                             absl::Duration duration) {
-  metrics_.CountRequest(method, status, duration);
-  if (options_.audit != nullptr) {
-    options_.audit->Write(NameOf(method), record, request.request_id(), status);
-  }
-}
-
-CoordinatorGauges FrameRunner::gauges() const {
-  CoordinatorGauges gauges;
-  for (const FrameBoard::Frame& frame : board_.Frames()) {
-    ++(frame.phase == FramePhase::kQueued ? gauges.queued_frames : gauges.working_frames);
-  }
-  const Admission::Counts counts = admission_.counts();
-  gauges.waiting_clients = counts.waiting_clients;
-  gauges.outside_clients = counts.outside_clients;
-  gauges.max_working_frames = options_.max_concurrent_frames;
-  gauges.max_queued_frames = options_.max_queued_frames;
-  gauges.memory_limit_bytes = memory_.limit_bytes();
-  gauges.frame_memory_bytes = memory_.frame_bytes();
-  gauges.export_memory_bytes = memory_.export_bytes();
-  return gauges;
 }
 
 }  // namespace isoscope::server

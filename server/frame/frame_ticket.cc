@@ -1,9 +1,9 @@
 #include "server/frame/frame_ticket.h"
 
 #include <algorithm>
+#include <string>
 #include <utility>
 
-#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
@@ -41,57 +41,53 @@ std::size_t RawResponseBytes(const frame::FrameSpec& spec) {
 
 }  // namespace
 
-FrameTicket::FrameTicket(FrameRunner* runner, const FrameOrigin& origin, const FrameClaim& claim)
-    : runner_(*runner), origin_(origin), claim_(claim), turn_(runner->admission(), EndOf(claim)) {}
+FrameTicket::FrameTicket(CoordinatorState* state, const CallOrigin& origin, const FrameClaim& claim)
+    : state_(*state),
+      origin_(origin),
+      claim_(claim),
+      work_(&state->frames, EndOf(claim)),
+      dataset_{.name = claim.dataset} {}
 
 absl::Status FrameTicket::TakePlace(const frame::FrameSpec& spec) {
   absl::Status status = TakePlaceUncounted(spec);
   if (absl::IsResourceExhausted(status)) {
-    runner_.metrics()->CountRefused(origin_.caller.name());
+    state_.frame_metrics.CountRefused(origin_.caller.name());
   }
   return status;
 }
 
 absl::Status FrameTicket::TakePlaceUncounted(const frame::FrameSpec& spec) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckAnswerBytes(RawResponseBytes(spec)));
+  FrameMetrics& metrics = state_.frame_metrics;
   const Caller& caller = origin_.caller;
+  ISOSCOPE_RETURN_IF_ERROR(CheckAnswerBytes(RawResponseBytes(spec)));
   ISOSCOPE_RETURN_IF_ERROR(caller.CheckViewport(spec.viewport.width_px, spec.viewport.height_px));
-  ISOSCOPE_RETURN_IF_ERROR(TakeShare());
-  absl::Status placed = turn_.Keep(
-      runner_.Admit(caller.QueueKey(origin_.client), spec, claim_.delivery, claim_.has_trace));
-  if (!placed.ok()) {
-    caller.ReturnFrame();
-    slot_.reset();
+  ISOSCOPE_RETURN_IF_ERROR(work_.TakeUse(caller, CallerUse::kFrame));
+  if (absl::Status rate = work_.TakeRate(claim_.is_moving); !rate.ok()) {
+    metrics.rate_limited.Add();
+    return rate;
+  }
+  if (absl::Status fits = state_.memory.CheckFits(spec, claim_.delivery, trace_bytes());
+      !fits.ok()) {
+    metrics.too_large.Add();
+    work_.ReturnShare();
+    return fits;
+  }
+  if (absl::Status placed = work_.TakePlace(caller.QueueKey(origin_.client)); !placed.ok()) {
+    metrics.refused.Add();
     return placed;
   }
   const view::Viewport size = frame::ImageSizeOf(spec);
-  on_board_.emplace(runner_.board()->Add({.request_id = origin_.request.request_id(),
-                                          .client = origin_.client,
-                                          .dataset = claim_.dataset,
-                                          .width_px = size.width_px,
-                                          .height_px = size.height_px,
-                                          .arrival = start_}));
-  return absl::OkStatus();
-}
-
-absl::Status FrameTicket::TakeShare() {
-  CoordinatorMetrics* const metrics = runner_.metrics();
-  const Caller& caller = origin_.caller;
-  ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller.CheckBytes()));
-  absl::StatusOr<CallerSlot> slot = caller.Begin(CallerUse::kFrame);
-  ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kFrames, slot.status()));
-  absl::Status rate =
-      metrics->CountRefusal(TokenLimit::kFrameRate, caller.TakeFrame(claim_.is_moving));
-  if (!rate.ok()) {
-    metrics->frames.rate_limited.Add();
-    return rate;
-  }
-  slot_.emplace(*std::move(slot));
+  on_board_.emplace(state_.board.Add({.request_id = origin_.request.request_id(),
+                                      .client = origin_.client,
+                                      .dataset = claim_.dataset,
+                                      .width_px = size.width_px,
+                                      .height_px = size.height_px,
+                                      .arrival = start_}));
   return absl::OkStatus();
 }
 
 void FrameTicket::Schedule(std::function<void()> work) {
-  turn_.Schedule([this, work = std::move(work)](const absl::Status& turn) {
+  work_.Schedule([this, work = std::move(work)](const absl::Status& turn) {
     lost_turn_ = turn;
     work();
   });
@@ -108,29 +104,14 @@ absl::Status FrameTicket::Run(const frame::FrameSpec& spec, const FrameCost& cos
 
 void FrameTicket::BeginWork() {
   on_board_->phase()->store(FramePhase::kPreparing, std::memory_order_relaxed);
-  runner_.metrics()->durations.queue_wait.Observe(base::MonotonicNow() - start_);
-  frame_number_ = runner_.NextFrameNumber();
+  state_.frame_metrics.queue_wait.Observe(base::MonotonicNow() - start_);
+  frame_number_ = state_.next_frame_number.fetch_add(1);
 }
 
-absl::StatusOr<FrameTarget> FrameTicket::Prepare(AskedFrame* asked, base::TraceRecorder* trace) {
-  {
-    const base::TraceScope scope(trace, "memory");
-    const base::MonotonicTime start = base::MonotonicNow();
-    const absl::Cleanup count = [&] {
-      runner_.metrics()->durations.memory_wait.Observe(base::MonotonicNow() - start);
-    };
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        base::MemoryBudget::Reservation memory,
-        runner_.ReserveMemory(asked->spec, claim_.delivery, claim_.has_trace, cancellation()));
-    memory_.emplace(std::move(memory));
-  }
-  const base::TraceScope scope(trace, "find dataset");
-  absl::StatusOr<FrameTarget> target = runner_.FindTarget(Identity(), asked);
-  if (target.ok()) {
-    dataset_name_ = target->dataset->dataset.name();
-    dataset_id_ = target->dataset->dataset.dataset_id();
-  }
-  return target;
+absl::Status FrameTicket::TakeMemory(const frame::FrameSpec& spec) {
+  const base::ScopedObservation wait(&state_.frame_metrics.memory_wait);
+  return work_.KeepMemory(
+      state_.memory.ReserveFrame(spec, claim_.delivery, cancellation(), trace_bytes()));
 }
 
 FrameIdentity FrameTicket::Identity() const {
@@ -152,38 +133,18 @@ absl::Status FrameTicket::CheckAnswerBytes(std::size_t bytes) const {
 }
 
 void FrameTicket::CountAnswer(std::size_t bytes) const {
-  runner_.metrics()->response_bytes.Add(static_cast<std::int64_t>(bytes));
+  state_.frame_metrics.response_bytes.Add(static_cast<std::int64_t>(bytes));
   origin_.caller.CountBytes(bytes);
 }
 
 void FrameTicket::KeepMemoryOfAnswer(std::size_t answer_bytes) {
-  if (memory_.has_value()) {
-    // gRPC copies a whole answer; of an answer in parts it copies only a few parts.
-    memory_->ShrinkTo(answer_bytes +
-                      (claim_.delivery == Delivery::kWhole ? answer_bytes : kPartsUnderWayBytes));
-  }
+  // gRPC copies a whole answer; of an answer in parts it copies only a few parts.
+  work_.ShrinkMemory(answer_bytes +
+                     (claim_.delivery == Delivery::kWhole ? answer_bytes : kPartsUnderWayBytes));
 }
 
-std::optional<base::MemoryBudget::Reservation> FrameTicket::TakeMemory(std::size_t bytes) {
-  if (memory_.has_value()) {
-    memory_->ShrinkTo(bytes);
-  }
-  std::optional<base::MemoryBudget::Reservation> taken = std::move(memory_);
-  memory_.reset();
-  return taken;
-}
-
-AuditRecord FrameTicket::audit_record() const {
-  return {.caller = origin_.caller.name(),
-          .certificate = origin_.certificate,
-          .peer = origin_.client,
-          .dataset = dataset_name_.empty() ? claim_.dataset : base::ForeignText(dataset_name_),
-          .dataset_id = dataset_id_};
-}
-
-void FrameTicket::EndRequest(RequestMethod method, const absl::Status& status) const {
-  runner_.EndRequest(method, audit_record(), origin_.request, status,
-                     base::MonotonicNow() - start_);
+void FrameTicket::NoteDataset(const v1::Dataset& dataset) {
+  dataset_ = {.name = dataset.name(), .id = dataset.dataset_id()};
 }
 
 void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& status,
@@ -191,38 +152,27 @@ void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& stat
   Log(spec, status, cost);
   CountEnd(status);
   if (status.ok()) {
-    CountSteps(cost);
+    state_.frame_metrics.CountSteps(cost);
   }
   on_board_.reset();
   // Before the client gets its answer, so that its next request finds a free place and share.
-  turn_.GiveBack();
-  slot_.reset();
+  work_.GiveBackPlace();
+  work_.GiveBackShare();
 }
 
 void FrameTicket::CountEnd(const absl::Status& status) const {
-  CoordinatorMetrics* const metrics = runner_.metrics();
-  const Caller& caller = origin_.caller;
+  FrameMetrics& metrics = state_.frame_metrics;
+  const std::string caller = origin_.caller.name();
   if (absl::IsResourceExhausted(lost_turn_)) {
-    metrics->frames.refused.Add();
-    metrics->frames.displaced.Add();
-    caller.ReturnFrame();
-    metrics->CountRefused(caller.name());
+    metrics.refused.Add();
+    metrics.displaced.Add();
+    metrics.CountRefused(caller);
     return;
   }
   if (absl::IsDeadlineExceeded(lost_turn_)) {
-    metrics->frames.expired.Add();
+    metrics.expired.Add();
   }
-  metrics->CountFrame(status, base::MonotonicNow() - start_, claim_.is_moving, caller.name());
-}
-
-void FrameTicket::CountSteps(const FrameCost& cost) const {
-  CoordinatorMetrics* const metrics = runner_.metrics();
-  metrics->durations.occluder_selection.Observe(cost.occluder_selection);
-  metrics->durations.occluder_rendering.Observe(cost.occluder_rendering);
-  metrics->durations.visibility_culling.Observe(cost.visibility_culling);
-  metrics->durations.composite.Observe(cost.composite);
-  metrics->durations.encode.Observe(cost.encode.value_or(absl::ZeroDuration()));
-  metrics->network_bytes.Add(cost.network_bytes);
+  metrics.CountEnd(status, base::MonotonicNow() - start_, claim_.is_moving, caller);
 }
 
 void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
@@ -246,7 +196,7 @@ void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
     base::LogInfo(absl::StrCat(claim_.noun, "_done"),
                   {{"request", origin_.request.request_id()},
                    {"frame", frame_number_},
-                   {"dataset", dataset_name_},
+                   {"dataset", dataset_.name},
                    {"surfaces", frame::TextOf(frame::RulesOf(spec))},
                    {"width", frame::ImageSizeOf(spec).width_px},
                    {"height", frame::ImageSizeOf(spec).height_px},

@@ -1,12 +1,10 @@
-// The ticket of a call for a frame: its place, memory, log lines and counts, apart from its
-// drawing.
+// The ticket of a frame: the stages of its work (server/call/call_work.h), with its log lines and
+// counts, apart from its drawing.
 //
-// 1. TakePlace, on gRPC's thread, first checks the limits of the caller's token: a caller above
-//    them must not take a place that another could have. Then the frame is counted. It is refused
-//    if too many are in work or wait, or if it can never fit the memory limit.
-// 2. Schedule queues it for its turn. Run is the work on a frame thread. Prepare waits for the
-//    memory of the frame, then finds dataset, camera and view, which may wait for a probe of the
-//    agents.
+// 1. TakePlace, on gRPC's thread, takes share and place. It refuses a frame that can never fit the
+//    memory limit, or a message.
+// 2. Schedule queues it for its turn. Run is the work on a frame thread. TakeMemory waits for the
+//    memory of the frame.
 // 3. At the end of Run the frame is counted and logged. It returns its place before the client gets
 //    the answer, so that the client's next request finds it free. All memory but that of the
 //    response is returned next, the rest when gRPC is done with the response.
@@ -14,17 +12,19 @@
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_TICKET_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_TICKET_H_
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
-#include <string>
+#include <vector>
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
@@ -32,21 +32,27 @@
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "server/access/access_control.h"
-#include "server/access/audit_log.h"
-#include "server/admission/call_turn.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/admission/frame_board.h"
-#include "server/frame/frame_runner.h"
+#include "server/call/call_work.h"
+#include "server/call/public_call.h"
+#include "server/frame/coordinator_state.h"
 #include "server/frame/render_statistics.h"
 
 namespace isoscope::server {
 
-// The origin of a request for a frame.
-struct FrameOrigin {
-  base::TraceContext request;
-  std::string client;            // as gRPC names the peer
-  std::string certificate = {};  // name in the peer's certificate; empty without one
-  Caller caller = {};
+// A frame apart from its content: caller, deadline and observers. All objects that it points to
+// outlive the frame.
+struct FrameIdentity {
+  std::int64_t number = 0;
+  const base::TraceContext* request = nullptr;
+  const Caller* caller = nullptr;
+  const base::Cancellation* cancellation = nullptr;
+  std::atomic<FramePhase>* phase = nullptr;  // null: no observer
+  base::TraceRecorder* trace = nullptr;      // null: no trace was asked for
+  base::TraceTime trace_zero = {};           // of the axis
+  // Gets the traces of the agents, in their order, if `trace` is set.
+  std::vector<isoscope::v1::ProcessTrace>* agent_traces = nullptr;
 };
 
 // A call's request for a place: all but the pixels.
@@ -68,8 +74,8 @@ class FrameTicket {
  public:
   // The frame ends a tenth of the client's time, at most 200 ms, before `client_deadline`, so that
   // the client still receives the name of a late agent. It ends `max_duration` from now at the
-  // latest. The runner outlives the ticket.
-  FrameTicket(FrameRunner* runner, const FrameOrigin& origin, const FrameClaim& claim);
+  // latest. The state outlives the ticket.
+  FrameTicket(CoordinatorState* state, const CallOrigin& origin, const FrameClaim& claim);
 
   // Takes a place for the frame; does not block. PERMISSION_DENIED and RESOURCE_EXHAUSTED as
   // IsosurfaceService says, INVALID_ARGUMENT if the answer can't fit one message.
@@ -79,18 +85,19 @@ class FrameTicket {
   // place before (admission.h), calls `work` at once on another thread: Run then returns the
   // reason. `work` owns the ticket. REQUIRES: the frame has a place.
   void Schedule(std::function<void()> work);
-  void Cancel() { turn_.Cancel(); }
+  void Cancel() { work_.Cancel(); }
 
   // Runs `work`, which sets `cost`, if the turn has come, and ends the frame. Returns the status of
   // `work`, the reason why the turn was lost, or RESOURCE_EXHAUSTED if memory runs out.
   absl::Status Run(const frame::FrameSpec& spec, const FrameCost& cost,
                    absl::FunctionRef<absl::Status()> work);
-  // Call in Run: takes the memory of the frame, then finds its target (FrameRunner). Blocks.
-  //
-  // trace: null: no trace was asked for
-  absl::StatusOr<FrameTarget> Prepare(AskedFrame* asked, base::TraceRecorder* trace);
-  // Call in Run: the frame as the runner knows it. Points into the ticket.
+  // Call in Run: takes the memory of the frame. Blocks. Errors as CoordinatorMemory.
+  absl::Status TakeMemory(const frame::FrameSpec& spec);
+  // Call in Run: the frame as agents and observers know it. Points into the ticket.
   [[nodiscard]] FrameIdentity Identity() const;
+  // The dataset that was found; before that, the one that was asked for.
+  void NoteDataset(const isoscope::v1::Dataset& dataset);
+  [[nodiscard]] const CallDataset& dataset() const { return dataset_; }
 
   // Checks the bytes of picture and planes against the limit of one message.
   [[nodiscard]] absl::Status CheckAnswerBytes(std::size_t bytes) const;
@@ -102,43 +109,35 @@ class FrameTicket {
   void KeepMemoryOfAnswer(std::size_t answer_bytes);
   // Transfers the memory of the frame, at most `bytes` of it, to the owner of an answer that
   // outlives the call; none if none was reserved. Call when the images are gone.
-  std::optional<base::MemoryBudget::Reservation> TakeMemory(std::size_t bytes);
+  std::optional<base::MemoryBudget::Reservation> ReleaseMemory(std::size_t bytes) {
+    return work_.ReleaseMemory(bytes);
+  }
 
-  // The record of caller and request. The dataset's id is known once Prepare has found it.
-  [[nodiscard]] AuditRecord audit_record() const;
-  // Counts a call that has ended, and writes its line of the audit log.
-  void EndRequest(RequestMethod method, const absl::Status& status) const;
-
-  [[nodiscard]] FrameRunner* runner() const { return &runner_; }
   [[nodiscard]] const base::TraceContext& request() const { return origin_.request; }
-  [[nodiscard]] const base::Cancellation& cancellation() const { return turn_.cancellation(); }
+  [[nodiscard]] const base::Cancellation& cancellation() const { return work_.cancellation(); }
 
  private:
-  // Takes a frame from the limits of the caller's token. Errors as Caller.
-  absl::Status TakeShare();
   absl::Status TakePlaceUncounted(const frame::FrameSpec& spec);
   void BeginWork();
   // Logs and counts the frame, and returns its place.
   void EndWork(const frame::FrameSpec& spec, const absl::Status& status, const FrameCost& cost);
   // Counts a frame that ended, or that lost its place before its turn.
   void CountEnd(const absl::Status& status) const;
-  void CountSteps(const FrameCost& cost) const;
   void Log(const frame::FrameSpec& spec, const absl::Status& status, const FrameCost& cost) const;
 
-  FrameRunner& runner_;
-  const FrameOrigin origin_;
+  [[nodiscard]] std::size_t trace_bytes() const {
+    return claim_.has_trace ? state_.memory.trace_bytes() : 0;
+  }
+
+  CoordinatorState& state_;
+  const CallOrigin origin_;
   const FrameClaim claim_;
   const base::MonotonicTime start_ = base::MonotonicNow();
-  CallTurn turn_;
-  absl::Status lost_turn_;          // why the turn did not come
-  std::optional<CallerSlot> slot_;  // of the caller's frames
+  CallWork work_;           // its memory is returned when gRPC is done with the response
+  absl::Status lost_turn_;  // why the turn did not come
   std::optional<FrameBoard::Entry> on_board_;
   std::int64_t frame_number_ = 0;  // number of the frame; 0: its work has not begun
-  // Name and id of the dataset that was found.
-  std::string dataset_name_;
-  std::string dataset_id_;
-  // Returned when gRPC is done with the response.
-  std::optional<base::MemoryBudget::Reservation> memory_;
+  CallDataset dataset_;
 };
 
 }  // namespace isoscope::server

@@ -71,7 +71,8 @@ bool ShowsCap(const view::ClipCrossingFinder& crossings, const wire::PixelPositi
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTicket> ticket,
+absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(FrameRunner* runner,
+                                                        std::shared_ptr<FrameTicket> ticket,
                                                         const Request& request) {
   ISOSCOPE_ASSIGN_OR_RETURN(wire::PickSpec pick, wire::PickSpecFromProto(request));
   if (pick.asked.with_trace) {
@@ -79,25 +80,29 @@ absl::StatusOr<std::unique_ptr<PickJob>> PickJob::Admit(std::shared_ptr<FrameTic
         "frame.with_trace is set: must be unset, picks have no trace");
   }
   ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(pick.asked.spec));
-  return std::unique_ptr<PickJob>(new PickJob(std::move(ticket), std::move(pick)));
+  return std::unique_ptr<PickJob>(new PickJob(runner, std::move(ticket), std::move(pick)));
 }
 
-PickJob::PickJob(std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick)
-    : ticket_(std::move(ticket)), asked_(std::move(pick.asked)), pixels_(std::move(pick.pixels)) {}
+PickJob::PickJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick)
+    : runner_(*runner),
+      ticket_(std::move(ticket)),
+      asked_(std::move(pick.asked)),
+      pixels_(std::move(pick.pixels)) {}
 
 absl::Status PickJob::Run(Response* response) {
   return ticket_->Run(asked_.spec, cost_, [&] { return TryRun(response); });
 }
 
 absl::Status PickJob::TryRun(Response* response) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, /*trace=*/nullptr));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
+                            runner_.Prepare(ticket_.get(), &asked_, /*trace=*/nullptr));
   std::vector<FramePart> parts = target.parts;
-  FrameRunner* const runner = ticket_->runner();
   const FrameIdentity identity = ticket_->Identity();
-  ISOSCOPE_ASSIGN_OR_RETURN(drawn_, runner->Run(identity, asked_, target, &parts));
+  ISOSCOPE_ASSIGN_OR_RETURN(drawn_, runner_.Run(identity, asked_, target, &parts));
   cost_ = CostOf(drawn_);
-  ISOSCOPE_RETURN_IF_ERROR(runner->AddMissingShards(identity, asked_, target, parts, &cost_));
-  base::RunIn(runner->arena(), [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(identity, asked_, target, parts, &cost_));
+  base::RunIn(runner_.state().arena.get(),
+              [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
   const frame::FrameSpec& spec = asked_.spec;
   const view::ClipCrossingFinder crossings(target.view,
                                            view::Clipper(spec.clip, target.view.geometry()));
@@ -150,7 +155,7 @@ absl::Status PickJob::AskAgentsOfPoints(const FrameTarget& target,
   QueryOutcome<std::vector<PointAnswer>> outcome =
       AskPoints({target.dataset->dataset.dataset_id(), parts}, shown, volume_ids,
                 ticket_->request(), ticket_->cancellation());
-  ticket_->runner()->ReportQuery(ticket_->request(), outcome.report);
+  runner_.state().ReportQuery(ticket_->request(), outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   for (std::size_t i = 0; i < hits.size(); ++i) {
     PointAnswer& answer = hits[i]->answer;

@@ -28,7 +28,8 @@ class PickJob {
   using Response = isoscope::v1::PickSurfaceResponse;
 
   // As PictureJob::Admit.
-  static absl::StatusOr<std::unique_ptr<PickJob>> Admit(std::shared_ptr<FrameTicket> ticket,
+  static absl::StatusOr<std::unique_ptr<PickJob>> Admit(FrameRunner* runner,
+                                                        std::shared_ptr<FrameTicket> ticket,
                                                         const Request& request);
 
   // Fills `response`. Blocks. Errors as IsosurfaceService says. Call once.
@@ -42,12 +43,13 @@ class PickJob {
     PointAnswer answer;  // of the agents
   };
 
-  PickJob(std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick);
+  PickJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, wire::PickSpec pick);
 
   absl::Status TryRun(Response* response);
   // Sets the shards, gradients and values of fields of all points that were hit.
   absl::Status AskAgentsOfPoints(const FrameTarget& target, const std::vector<FramePart>& parts);
 
+  FrameRunner& runner_;
   const std::shared_ptr<FrameTicket> ticket_;
   AskedFrame asked_;  // has a region
   const std::vector<wire::PixelPosition> pixels_;

@@ -95,24 +95,32 @@ void MoveInto(FrameOutput output, frame::ImageFormat format,
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(std::shared_ptr<FrameTicket> ticket,
+absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runner,
+                                                              std::shared_ptr<FrameTicket> ticket,
                                                               const Request& request) {
   ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked, wire::AskedFrameFromProto(request));
-  return Admit(std::move(ticket), std::move(asked), /*depth_grid_side=*/0);
+  return Admit(runner, std::move(ticket), std::move(asked), /*depth_grid_side=*/0);
 }
 
-absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(std::shared_ptr<FrameTicket> ticket,
+absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runner,
+                                                              std::shared_ptr<FrameTicket> ticket,
                                                               AskedFrame asked,
                                                               int depth_grid_side) {
   ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(asked.spec));
   return std::unique_ptr<PictureJob>(
-      new PictureJob(std::move(ticket), std::move(asked), depth_grid_side));
+      new PictureJob(runner, std::move(ticket), std::move(asked), depth_grid_side));
 }
 
-PictureJob::PictureJob(std::shared_ptr<FrameTicket> ticket, AskedFrame asked, int depth_grid_side)
-    : ticket_(std::move(ticket)), asked_(std::move(asked)), depth_grid_side_(depth_grid_side) {
+PictureJob::PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
+                       int depth_grid_side)
+    : runner_(*runner),
+      ticket_(std::move(ticket)),
+      asked_(std::move(asked)),
+      depth_grid_side_(depth_grid_side) {
   if (asked_.with_trace) {
-    trace_ = std::make_unique<Trace>(ticket_->runner()->max_own_spans());
+    // The agents of the frame may have three times as many spans.
+    trace_ = std::make_unique<Trace>(
+        std::min(runner_.state().memory.max_trace_spans() / 4, base::TraceRecorder::kMaxSpans));
   }
 }
 
@@ -161,13 +169,13 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 }
 
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target, ticket_->Prepare(&asked_, recorder()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
+                            runner_.Prepare(ticket_.get(), &asked_, recorder()));
   ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(target.dataset->dataset, &asked_.spec));
   parts_ = target.parts;
   FrameOutput output;
   ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ticket_->runner()->AddMissingShards(Identity(), asked_, target, parts_, &cost_));
+  ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
   ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
   ticket_->CountAnswer(output.size_bytes());
@@ -199,7 +207,7 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   ReleaseImages();
   const base::TraceScope trace(recorder(), "notes");
   const FrameIdentity identity = Identity();
-  absl::StatusOr<std::vector<v1::SurfaceNote>> notes = NotesOf({.runner = ticket_->runner(),
+  absl::StatusOr<std::vector<v1::SurfaceNote>> notes = NotesOf({.runner = &runner_,
                                                                 .identity = &identity,
                                                                 .spec = &asked_.spec,
                                                                 .target = &target,
@@ -256,7 +264,7 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   const base::MonotonicTime encode_start = base::MonotonicNow();
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "finish picture");
-  ISOSCOPE_RETURN_IF_ERROR(base::RunIn(ticket_->runner()->arena(), [&] {
+  ISOSCOPE_RETURN_IF_ERROR(base::RunIn(runner_.state().arena.get(), [&] {
     return FinishAndEncode(target, window, drawn.view, output);
   }));
   if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
@@ -286,7 +294,7 @@ absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
                                             .drawn_view = &drawn_view,
                                             .order = target.order,
                                             .layers = &layers_,
-                                            .images = ticket_->runner()->images(),
+                                            .images = runner_.state().images.get(),
                                             .finds_shown_surfaces = asked_.with_notes},
                                            &drawn_);
   image_ = std::move(finished.image);
@@ -317,7 +325,7 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   const base::MonotonicTime encode_start = base::MonotonicNow();
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "planes");
-  base::RunIn(ticket_->runner()->arena(), [&] {
+  base::RunIn(runner_.state().arena.get(), [&] {
     if (is_first && asked_.with_notes) {
       contents_ = picture::FindContents(
           {.spec = &spec, .order = target.order, .image = &image_, .layers = &layers_},
@@ -352,7 +360,7 @@ absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
     spec = frame::WithoutLook(std::move(spec), spec.output.normal);
   }
   const base::TraceScope trace(recorder(), "agents");
-  return ticket_->runner()->Run(Identity(), of_window, target, &parts_);
+  return runner_.Run(Identity(), of_window, target, &parts_);
 }
 
 }  // namespace isoscope::server

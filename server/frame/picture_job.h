@@ -2,7 +2,7 @@
 //
 // 1. Admit converts the request. An error that no state of the cluster could change is answered at
 //    once. Then the ticket takes a place.
-// 2. Run waits for memory and finds the target (FrameTicket::Prepare). RunFrame does the work with
+// 2. Run waits for memory and finds the target (FrameRunner::Prepare). RunFrame does the work with
 //    the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
@@ -49,11 +49,13 @@ class PictureJob {
   using Request = isoscope::v1::RenderIsosurfaceRequest;
   using Response = isoscope::v1::RenderIsosurfaceResponse;
 
-  static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(std::shared_ptr<FrameTicket> ticket,
+  static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(FrameRunner* runner,
+                                                           std::shared_ptr<FrameTicket> ticket,
                                                            const Request& request);
   // depth_grid_side: points on the longer side of the picture's depth grid; 0: none is made. A
   // region that is drawn with a margin has none.
-  static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(std::shared_ptr<FrameTicket> ticket,
+  static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(FrameRunner* runner,
+                                                           std::shared_ptr<FrameTicket> ticket,
                                                            AskedFrame asked, int depth_grid_side);
 
   // Renders the frame into `response`. Blocks. Calls `on_drawn` once the agents have drawn a
@@ -75,7 +77,8 @@ class PictureJob {
   // have normals if they are asked for.
   enum class Content { kPicture, kPlanes };
 
-  PictureJob(std::shared_ptr<FrameTicket> ticket, AskedFrame asked, int depth_grid_side);
+  PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
+             int depth_grid_side);
 
   absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
@@ -98,6 +101,7 @@ class PictureJob {
     return trace_ == nullptr ? nullptr : &trace_->recorder;
   }
 
+  FrameRunner& runner_;
   const std::shared_ptr<FrameTicket> ticket_;
   AskedFrame asked_;  // FindTarget resolves its camera
   const int depth_grid_side_;

@@ -107,10 +107,10 @@ class NoteSearch {
     }
     const v1::Dataset& dataset = frame_.target->dataset->dataset;
     const QueryOutcome<volume::HistogramPart> outcome =
-        AskHistogram({dataset.dataset_id(), *frame_.parts, frame_.runner->NextTurn()},
+        AskHistogram({dataset.dataset_id(), *frame_.parts, frame_.runner->state().NextTurn()},
                      {.max_bin_count = volume::kMaxHistogramBins, .value_range = std::nullopt},
                      *identity_.request, *identity_.cancellation);
-    frame_.runner->ReportQuery(*identity_.request, outcome.report);
+    frame_.runner->state().ReportQuery(*identity_.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
                               wire::ScalarTypeFromProto(dataset.sample_type(), "sample_type"));
@@ -213,7 +213,7 @@ class NoteSearch {
 
   SurfaceSet ShownIn(const SurfaceSet& surfaces, const FrameResult& result) {
     const view::PixelRect all{0, 0, result.image.width, result.image.height};
-    const SurfaceSet shown = base::RunIn(frame_.runner->arena(), [&] {
+    const SurfaceSet shown = base::RunIn(frame_.runner->state().arena.get(), [&] {
                                return picture::FindContents({.spec = &drawn_spec_,
                                                              .order = drawn_order_,
                                                              .image = &result.image,

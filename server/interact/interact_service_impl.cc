@@ -32,12 +32,8 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
-#include "rpc/channel.h"
-#include "rpc/grpc_status.h"
 #include "rpc/grpc_time.h"
-#include "rpc/peer.h"
-#include "rpc/request_context.h"
-#include "rpc/write_timeout.h"
+#include "server/call/public_call.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/picture_job.h"
 #include "server/interact/interact_frame.h"
@@ -91,7 +87,7 @@ struct StreamEnd {
 
 // The last line of a stream in the audit log.
 struct AuditedFrame {
-  AuditRecord record;
+  CallDataset dataset;
   std::optional<absl::StatusCode> code;  // none: there was no line
 };
 
@@ -109,22 +105,15 @@ class InteractServiceImpl::InteractCall final
       public std::enable_shared_from_this<InteractCall> {
  public:
   InteractCall(const InteractServiceOptions& options, InteractStreams<InteractCall>* streams,
-               grpc::CallbackServerContext* context, const Caller& caller)
+               grpc::CallbackServerContext* context)
       : options_(options),
         streams_(*streams),
-        origin_{.request = rpc::AnswerTraceContext(context),
-                .client = context->peer(),
-                .certificate = rpc::PeerOf(*context).name,
-                .caller = caller},
-        deadline_(rpc::DeadlineOf(*context)),
-        unsent_(&options.runner->metrics()->unsent_bytes),
-        timeout_(context) {}
+        call_(&options.state->calls, RequestMethod::kInteract, context) {}
 
-  // Begins to read, or ends with `identified` or the error of admission. REQUIRES: a shared_ptr
-  // owns the call.
-  void Start(const absl::Status& identified) {
+  // Begins to read, or ends with the error of admission. REQUIRES: a shared_ptr owns the call.
+  void Start() {
     self_ = shared_from_this();
-    const absl::Status admitted = identified.ok() ? Admit() : identified;
+    const absl::Status admitted = Admit();
     if (admitted.ok()) {
       StartRead(&request_);
     } else {
@@ -137,10 +126,10 @@ class InteractServiceImpl::InteractCall final
     if (end_.has_value()) {
       return;
     }
-    options_.runner->metrics()->CountCut(reason);
+    call_.CountCut(reason);
     EndLocked(status);
     if (outbox_.is_writing()) {
-      timeout_.Start(kMaxLastWriteDuration);
+      call_.timeout().Start(kMaxLastWriteDuration);
     }
     FinishIfIdle();
   }
@@ -162,9 +151,9 @@ class InteractServiceImpl::InteractCall final
   }
 
   void OnWriteDone(bool ok) override {
-    timeout_.Pause();
+    call_.timeout().Pause();
     const base::MutexLock lock(&mutex_);
-    unsent_.Set(0);
+    call_.unsent().Set(0);
     outbox_.EndWrite();
     if (!ok) {
       EndLocked(absl::CancelledError("the client has gone"));
@@ -175,26 +164,25 @@ class InteractServiceImpl::InteractCall final
 
   void OnCancel() override { End(absl::CancelledError("the client cancelled the stream")); }
   void OnDone() override {
-    timeout_.Stop();
+    call_.timeout().Stop();
     const std::shared_ptr<InteractCall> last_use = std::move(self_);
     streams_.Remove(Key(), last_use);
     const base::MutexLock lock(&mutex_);
     wake_.alarm.reset();
     base::LogInfo("interact_done",
-                  {{"request", origin_.request.request_id()},
+                  {{"request", call_.request().request_id()},
                    {"states", state_.sequence_number()},
                    {"frames", outbox_.sent_count()},
-                   {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - start_)}});
+                   {"duration_ms", base::LogMilliseconds(base::MonotonicNow() - call_.arrival())}});
   }
 
  private:
   absl::Status Admit() {
-    absl::StatusOr<CallerSlot> slot = origin_.caller.Begin(CallerUse::kStream);
-    ISOSCOPE_RETURN_IF_ERROR(
-        options_.runner->metrics()->CountRefusal(TokenLimit::kStreams, slot.status()));
+    ISOSCOPE_RETURN_IF_ERROR(call_.Identify());
+    ISOSCOPE_ASSIGN_OR_RETURN(CallerSlot slot, call_.caller().Begin(CallerUse::kStream));
     ISOSCOPE_RETURN_IF_ERROR(streams_.Add(Key(), shared_from_this()));
-    slot_.emplace(*std::move(slot));
-    watch_.emplace(origin_.caller.WhenWithdrawn([weak = weak_from_this()] {
+    slot_.emplace(std::move(slot));
+    watch_.emplace(call_.caller().WhenWithdrawn([weak = weak_from_this()] {
       if (const std::shared_ptr<InteractCall> self = weak.lock()) {
         self->CutOff(CutReason::kTokenWithdrawn, WithdrawnError());
       }
@@ -204,7 +192,7 @@ class InteractServiceImpl::InteractCall final
 
   absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request));
-    ISOSCOPE_RETURN_IF_ERROR(options_.access->CheckStillValid(origin_.caller));
+    ISOSCOPE_RETURN_IF_ERROR(options_.state->calls.access->CheckStillValid(call_.caller()));
     const base::MutexLock lock(&mutex_);
     switch (request.kind_case()) {
       case v1::InteractRequest::kViewState:
@@ -277,15 +265,15 @@ class InteractServiceImpl::InteractCall final
     absl::StatusOr<AskedFrame> asked =
         start.is_exact ? ExactFrameOf(state) : MovingFrameOf(state, quality);
     auto ticket =
-        std::make_shared<FrameTicket>(options_.runner, origin_,
+        std::make_shared<FrameTicket>(options_.state, call_.origin(),
                                       FrameClaim{.dataset = state.frame().dataset(),
                                                  .has_trace = state.frame().with_trace(),
                                                  .is_moving = !start.is_exact,
-                                                 .client_deadline = deadline_,
+                                                 .client_deadline = call_.deadline(),
                                                  .max_duration = options_.max_frame_duration});
     using Job = absl::StatusOr<std::unique_ptr<PictureJob>>;
     Job job = asked.ok()
-                  ? PictureJob::Admit(ticket, *std::move(asked),
+                  ? PictureJob::Admit(options_.runner, ticket, *std::move(asked),
                                       start.is_exact ? kExactGridSide : quality.depth_grid_side)
                   : Job(asked.status());
     if (!job.ok()) {
@@ -305,8 +293,7 @@ class InteractServiceImpl::InteractCall final
     bool is_told = start.is_exact || absl::IsInvalidArgument(status);
     if (absl::IsInvalidArgument(status)) {
       // A wrong state counts as a frame: the coordinator has worked on it and answers it.
-      const absl::Status counted = options_.runner->metrics()->CountRefusal(
-          TokenLimit::kFrameRate, origin_.caller.TakeFrame(/*is_moving=*/!start.is_exact));
+      const absl::Status counted = call_.caller().TakeFrame(/*is_moving=*/!start.is_exact);
       is_told = start.is_exact || counted.ok();
       status = counted.ok() ? status : counted;
     }
@@ -346,7 +333,8 @@ class InteractServiceImpl::InteractCall final
       answer.SetError(status);
     }
     job.reset();  // the images go with it
-    if (auto memory = ticket->TakeMemory(2 * answer.message.ByteSizeLong()); memory.has_value()) {
+    if (auto memory = ticket->ReleaseMemory(2 * answer.message.ByteSizeLong());
+        memory.has_value()) {
       answer.memory.emplace(*std::move(memory));
     }
 
@@ -371,18 +359,13 @@ class InteractServiceImpl::InteractCall final
   // frames changes: dozens come a second.
   void Audit(const FrameTicket& ticket, const absl::Status& status)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    AuditLog* const log = options_.runner->audit();
-    if (log == nullptr || absl::IsCancelled(status)) {
+    if (absl::IsCancelled(status) ||
+        (audited_.code == status.code() && audited_.dataset == ticket.dataset())) {
       return;
     }
-    AuditRecord record = ticket.audit_record();
-    if (audited_.code == status.code() && record.dataset == audited_.record.dataset &&
-        record.dataset_id == audited_.record.dataset_id) {
-      return;
-    }
-    audited_ = {.record = std::move(record), .code = status.code()};
-    log->Write(NameOf(RequestMethod::kInteract), audited_.record, origin_.request.request_id(),
-               status);
+    audited_ = {.dataset = ticket.dataset(), .code = status.code()};
+    call_.NoteDataset(ticket.dataset());
+    call_.Audit(status);
   }
 
   void Send(InteractAnswer answer) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -395,8 +378,8 @@ class InteractServiceImpl::InteractCall final
     if (message == nullptr) {
       return;
     }
-    unsent_.Set(static_cast<std::int64_t>(message->ByteSizeLong()));
-    timeout_.Start(kMaxWriteDuration);
+    call_.unsent().Set(static_cast<std::int64_t>(message->ByteSizeLong()));
+    call_.timeout().Start(kMaxWriteDuration);
     StartWrite(message);
   }
 
@@ -438,24 +421,14 @@ class InteractServiceImpl::InteractCall final
     }
     end_->is_told = true;
     slot_.reset();  // before the client receives the end, and may open another stream
-    AuditRecord& record = audited_.record;
-    record.caller = origin_.caller.name();
-    record.certificate = origin_.certificate;
-    record.peer = origin_.client;
-    options_.runner->EndRequest(RequestMethod::kInteract, record, origin_.request, end_->status,
-                                base::MonotonicNow() - start_);
-    Finish(rpc::ToGrpcStatus(end_->status));
+    Finish(call_.End(end_->status));
   }
 
-  [[nodiscard]] std::string Key() const { return origin_.caller.HostKey(origin_.client); }
+  [[nodiscard]] std::string Key() const { return call_.caller().HostKey(call_.origin().client); }
 
   const InteractServiceOptions options_;
   InteractStreams<InteractCall>& streams_;
-  const FrameOrigin origin_;  // of each frame of the stream
-  const base::MonotonicTime deadline_;
-  const base::MonotonicTime start_ = base::MonotonicNow();
-  base::GaugeShare unsent_;  // of the write under way
-  rpc::WriteTimeout timeout_;
+  PublicCall call_;
   std::optional<CallerSlot> slot_;
   std::optional<WithdrawalWatch> watch_;
   v1::InteractRequest request_;  // of the read under way
@@ -481,10 +454,8 @@ InteractServiceImpl::~InteractServiceImpl() = default;
 
 grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>* InteractServiceImpl::Interact(
     grpc::CallbackServerContext* context) {
-  const absl::StatusOr<Caller> caller = options_.access->Identify(rpc::PeerOf(*context));
-  const auto call = std::make_shared<InteractCall>(options_, &streams_, context,
-                                                   caller.ok() ? *caller : Caller());
-  call->Start(caller.status());
+  const auto call = std::make_shared<InteractCall>(options_, &streams_, context);
+  call->Start();
   return call.get();
 }
 

@@ -8,15 +8,15 @@
 #include "absl/time/time.h"
 
 #include "isoscope/v1/interact_service.grpc.pb.h"
-#include "server/access/access_control.h"
+#include "server/frame/coordinator_state.h"
 #include "server/frame/frame_runner.h"
 #include "server/interact/interact_streams.h"
 
 namespace isoscope::server {
 
 struct InteractServiceOptions {
-  FrameRunner* runner = nullptr;    // outlives the service
-  AccessControl* access = nullptr;  // outlives the service, too
+  CoordinatorState* state = nullptr;  // outlives the service, as the runner does
+  FrameRunner* runner = nullptr;
   absl::Duration max_frame_duration = absl::Minutes(5);
 };
 

@@ -19,7 +19,7 @@
 #include "core/base/error_reason.h"
 #include "core/base/mutex.h"
 #include "core/base/retry_delay.h"
-#include "server/metrics/coordinator_metrics.h"
+#include "server/call/call_metrics.h"
 
 namespace isoscope::server {
 

@@ -30,6 +30,7 @@
 #include "rpc/peer.h"
 #include "server/access/access_tokens.h"
 #include "server/coordinator_server.h"
+#include "tests/support/metric_values.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/unit/server/fake_cluster.h"
@@ -431,6 +432,23 @@ TEST_F(ReadinessTest, ItStaysReadyWhenItsOnlyDatasetIsLost) {
   EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
   coordinator_->Shutdown(absl::ZeroDuration());
   EXPECT_FALSE(Probe(rpc::Probe::kReady).ok());
+}
+
+TEST_F(CoordinatorOperationsTest, EachMetricHasOneOwnerAndANameByTheConvention) {
+  options_.max_concurrent_frames = 3;
+  options_.max_queued_frames = 7;
+  AddAgent({MakeShard("head", 0, 2, kSomeId)});
+  AddAgent({MakeShard("head", 1, 2, kSomeId)});
+  Start();
+  const std::vector<base::MetricFamily> families = coordinator_->CollectMetrics();
+  testing::ExpectNamesFollowTheConvention(families);
+  auto values = testing::ValuesOf(families);
+  EXPECT_EQ(values["isoscope_admission_limit_frames state=working"], 3);
+  EXPECT_EQ(values["isoscope_admission_limit_frames state=queued"], 7);
+  EXPECT_EQ(values["isoscope_agents state=reachable"], 2);
+  EXPECT_EQ(values["isoscope_agents state=unreachable"], 0);
+  EXPECT_EQ(values["isoscope_datasets state=complete"], 1);
+  EXPECT_EQ(values["isoscope_audit_lines_total result=written"], 0) << "there is no audit log";
 }
 
 }  // namespace

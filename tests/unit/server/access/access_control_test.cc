@@ -17,6 +17,7 @@
 #include "core/base/retry_delay.h"
 #include "server/cluster/dataset_catalog.h"
 #include "tests/support/certificates.h"
+#include "tests/support/metric_values.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -182,6 +183,20 @@ TEST_F(AccessControlTest, ASlowRateStillAllowsOneFrameAtATime) {
   EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime()), IsOk());
   EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime() + absl::Seconds(9)), Not(IsOk()));
   EXPECT_THAT(grant.TakeFrame(0, base::MonotonicTime() + absl::Seconds(11)), IsOk());
+}
+
+TEST_F(AccessControlTest, RefusalsOfATokenAreCountedByLimit) {
+  Write({Entry("a", "head", R"(, "max_streams": 1)")});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto access, AccessControl::Make({.token_file = path()}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller caller, access->Identify(WithToken("a")));
+  const auto first = caller.Begin(CallerUse::kStream);
+  ISOSCOPE_ASSERT_OK(first);
+  EXPECT_THAT(caller.Begin(CallerUse::kStream).status(), Not(IsOk()));
+  std::vector<base::MetricFamily> families;
+  access->AppendMetrics(&families);
+  auto values = testing::ValuesOf(families);
+  EXPECT_EQ(values["isoscope_token_refusals_total limit=streams"], 1);
+  EXPECT_EQ(values["isoscope_token_refusals_total limit=frames"], 0);
 }
 
 TEST_F(AccessControlTest, BytesAreCountedAfterwardsAndAnExcessIsWaitedFor) {

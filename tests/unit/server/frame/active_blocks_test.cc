@@ -13,6 +13,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "tests/support/metric_values.h"
+
 namespace isoscope::server {
 namespace {
 
@@ -172,6 +174,19 @@ TEST(ActiveBlocksCacheTest, FramesSideBySideFindTheirOwnLists) {
   for (std::thread& thread : threads) {
     thread.join();
   }
+}
+
+TEST(ActiveBlocksCacheTest, LooksAreCountedByResult) {
+  ActiveBlocksCache cache(1 << 20);
+  EXPECT_EQ(cache.Find("a"), nullptr);
+  cache.Insert("a", Blocks(1));
+  EXPECT_NE(cache.Find("a"), nullptr);
+  EXPECT_NE(cache.Find("a"), nullptr);
+  std::vector<base::MetricFamily> families;
+  cache.AppendMetrics(&families);
+  auto values = testing::ValuesOf(families);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=active_blocks result=hit"], 2);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=active_blocks result=miss"], 1);
 }
 
 }  // namespace
