@@ -1,3 +1,16 @@
+// RunChild, from start to end:
+//
+// 1. It makes two pipes, one for standard output and one for standard error. Standard input is
+//    /dev/null.
+// 2. The child starts in a process group of its own, whose number is its process id. No signal is
+//    blocked in it, and SIGINT, SIGTERM and SIGPIPE have their default actions.
+// 3. This process closes its write ends. Otherwise the read ends would never report an end.
+// 4. It polls both pipes and reads them to their ends, so that the child never waits for a full
+//    pipe.
+// 5. It waits for the child with WNOWAIT, which keeps the process id in use. The callback that
+//    sends SIGTERM ends before waitpid frees that id, so no other process gets the signal.
+// Source: POSIX.1-2017, posix_spawn and waitid.
+
 #include "bench/child_process.h"
 
 #include <fcntl.h>

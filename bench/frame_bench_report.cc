@@ -1,3 +1,12 @@
+// Tables and JSON have the same figures (frame_bench.cc tells how they are measured). Derived ones:
+//
+//   cold x, next x   time of the peer / ours: 2.00 if the peer takes twice as long
+//   x fewest P       network bytes / those of the same isovalue, culling and renderer with the
+//                    fewest agents
+//   max/mean         busiest agent / mean of the agents: 1 if all work equally long
+//
+// A ratio is 0 if its divisor is 0. Tables have kB of 1000 bytes, JSON has bytes.
+
 #include "bench/frame_bench_report.h"
 
 #include <cmath>
