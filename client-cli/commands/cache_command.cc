@@ -1,4 +1,10 @@
 // isoscope cache list, isoscope cache clear [NAME...]
+//
+// The cache is a folder with an entry for each partitioned volume (session/cache_entry.h).
+//
+// `clear` first removes work folders that ended processes have left. Then it finds the entry of
+// each NAME, which is the name of an entry or the path of its source. An unknown NAME is an error
+// before any entry goes. Entries in use stay, and are an error at the end.
 
 #include <cstddef>
 #include <cstdint>

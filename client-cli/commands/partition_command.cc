@@ -1,4 +1,12 @@
 // isoscope partition INPUT --output DIR | --append DIR
+//
+// 1. CheckUsage refuses flags that contradict each other. With --append the series has fixed its
+//    shards, blocks, distribution, seed and label names, so these flags are refused.
+// 2. OpenIdentified opens the source and notes the stamps of its files (core/formats).
+// 3. A source of one field, component and step, without a time, becomes a plain dataset
+//    (PartitionVolume). Any other source becomes a series, and so does an appended one
+//    (PartitionSeries).
+// 4. Summarize prints samples, blocks or volumes, shards, and the elapsed time.
 
 #include <cstddef>
 #include <cstdint>

@@ -1,3 +1,13 @@
+// CheckUsage returns the error of the first rule that is broken:
+//
+//   every picture    session, surfaces (not with --like), --no-measures, standard output
+//                    (CheckShow), format of the picture (CheckFormat)
+//   without --like   camera, planes, colours, rules of a single picture, poster, sweep
+//   with --like      no mask culling, one PNG, no flag that decides a pixel
+//
+// A poster is a picture too large for one frame: it is drawn region by region into one PNG
+// (CheckPoster). CheckOutputs asks whether each output can be written, before the frame is drawn.
+
 #include "client-cli/commands/render_flags.h"
 
 #include <algorithm>

@@ -1,3 +1,14 @@
+// The statistics of frames for programs (StatisticsJson) and for people (DescribeStatistics):
+//
+//   blocks     a row a frame: counts of blocks in each step of culling, triangles, bytes
+//   steps      a row a frame: duration of each step
+//   agents     a row an agent, of the last frame
+//   surfaces   a row a surface, of the last frame, if it was measured
+//
+// Times are protobuf durations; JSON has milliseconds, rounded to microseconds. These members of a
+// frame are there only if they tell something: truncated_pixel_count, missing_shards with
+// active_block_coverage, surfaces (of two or more), notes, measures.
+
 #include "client-cli/output/frame_statistics.h"
 
 #include <cmath>

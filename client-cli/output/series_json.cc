@@ -1,3 +1,14 @@
+// SeriesDirectoryToJson compares the manifest of a series with the folders of its shards:
+//
+// 1. GatherOverSteps folds the volumes of the manifest over all steps. Each component gets the
+//    union of its ranges, its greatest gradient, and its steps.
+// 2. FieldsToJson intersects the steps of a field's components: there the field is complete.
+// 3. MissingVolumesToJson looks for the folder of every field, component and step in every shard
+//    that is here. A volume that the manifest lacks is missing in all of them.
+//
+// DescribeMissing joins the steps at which the same shards lack the same component:
+// "u x at steps 3, 4 in shards 1".
+
 #include "client-cli/output/series_json.h"
 
 #include <algorithm>

@@ -1,3 +1,14 @@
+// AddSource adds these to the JSON of `info`, from which DescribeSource makes the text:
+//
+// 1. Fields, each with the ranges of its components if values were read.
+// 2. Steps and units.
+// 3. The needs of `partition`. A field has a volume for each component, and one for the magnitude
+//    if it has several components; all that times the steps.
+// 4. The commands to draw it: `render` for a single volume, else `partition` and `render`.
+//
+// Blocks overlap: an axis of 17 samples has two blocks of 8 cells. Each stores 9 samples and one
+// more on its inner side for gradients, so both store 20 (StoredSamples).
+
 #include "client-cli/output/source_json.h"
 
 #include <algorithm>

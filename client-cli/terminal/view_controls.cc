@@ -1,3 +1,14 @@
+// The picture follows the key, so the camera moves in the opposite direction:
+//
+//   arrows        turn the eye about the target by 5 degrees
+//   Shift arrows  move eye and target by a twentieth of the picture's height
+//   + -           change the distance by a factor of 1.15, within 0.001 and 100 radii of the volume
+//   , .           roll the up vector by 5 degrees
+//   [ ]           move the isovalue to a multiple of its step: 1, 2 or 5 times a power of ten
+//
+// For values of 0 to 255 the step is 2, so [ leads from 100 to 98. `1` to `6` count the named views
+// that the volume has: those of the patient if it knows one, else those of the world.
+
 #include "client-cli/terminal/view_controls.h"
 
 #include <algorithm>
