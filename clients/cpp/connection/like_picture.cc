@@ -1,3 +1,16 @@
+// `render --like` draws the record of a picture again, and compares the two pictures:
+//
+// 1. ReadRecordedPng splits the file into its record and the PNG without it.
+// 2. CheckOnlyFlagsBesideLike refuses every flag that is not known to leave all pixels as they are.
+// 3. CheckSameSamples compares the digests of the samples.
+// 4. ComparePictures compares the bytes, then the pixels outside the boxes of annotations.
+// 5. DescribeComparison judges:
+//
+//      same bytes                        one line that says so
+//      same pixels                       one line: another encoder, or another revision
+//      other pixels, another revision    one line with the count and the largest difference
+//      other pixels, the same revision   FAILED_PRECONDITION: a changed file, or a bug
+
 #include "clients/cpp/connection/like_picture.h"
 
 #include <algorithm>

@@ -1,3 +1,7 @@
+// The 148 names of CSS, ascending, for a binary search. Each grey has both spellings. The keywords
+// `transparent` and `currentcolor` are no names of an opaque colour, so they are not here.
+// Source: CSS Color Module Level 4, section 6.1, "Named Colors".
+
 #include "clients/cpp/request/color_names.h"
 
 #include <algorithm>

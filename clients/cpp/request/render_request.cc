@@ -1,3 +1,14 @@
+// Flags become the surfaces of a request:
+//
+//   --isovalue V --color C     isovalue V, base_color C
+//   --surface V:C ...          surfaces: V with C, ...
+//   --label SET ...            surfaces: SET, ...
+//   --isovalue V --label SET   surfaces: V, SET; PromoteIsovalue turns V and its colour into the
+//                              first one
+//
+// CheckSurfaces has refused --surface with --isovalue or --color. An export has the same surfaces
+// without colours.
+
 #include "clients/cpp/request/render_request.h"
 
 #include <cstddef>
