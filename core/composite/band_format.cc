@@ -1,3 +1,16 @@
+// The header of a band, 56 bytes, all numbers little-endian (docs/format/wire.md has the rest):
+//
+//    0  the magic ISPX
+//    4  CRC-32C of all bytes from offset 8 on
+//    8  version, flags (1: layers), two bytes that are 0
+//   12  width and height of the image, first row of tiles, number of rows of tiles
+//   28  numbers of pixels, tiles, dictionary entries, labels, colours
+//   48  bytes of the side information, bytes of the extra bits
+//
+// ReadBandHeader refuses counts that contradict each other or the size of the band. So the decoder
+// may allocate by them. AppendNumbers writes 5, 7, 6 as the differences 5, 2, -1, in zigzag 10, 4,
+// 1: the bytes 10 4 1 of the lowest plane, then nine bytes 0.
+
 #include "core/composite/band_format.h"
 
 #include <array>

@@ -1,3 +1,15 @@
+// CheckRequest returns the first refusal of:
+//
+// 1. CheckFields: a field that is no list occurs once; Host names a host (RFC 9110, section 5.3;
+//    RFC 9112, section 3.2).
+// 2. CheckTarget: /PATH, http://HOST/PATH, or * for OPTIONS (RFC 9112, section 3.2).
+// 3. CheckBody: Transfer-Encoding is "chunked" or absent (RFC 9112, section 6.1); no body before a
+//    WebSocket.
+// 4. CheckExpectations: only 100-continue (RFC 9110, section 10.1.1).
+//
+// An address with a host goes before the field Host. Of http://a:80/x?y the host is a:80, and the
+// rest is /x?y.
+
 #include "core/http/request_rules.h"
 
 #include <algorithm>
