@@ -1,4 +1,13 @@
-// The built-in rows of the table, and what stands between a row and the functions of its room.
+// The built-in rows of the table of formats (format_table.h). A row names functions, which the
+// adapters of this file make of those of the format's room:
+//
+//   find, find_in_folder   whether a path or a folder is of the format; then the file, its part
+//                          ("run.h5:/p") and the files of a stack
+//   is_content             whether the first bytes of a file are of the format
+//   open                   makes a series of the found file
+//   find_files             lists all files that decide the samples; null: the found ones
+//
+// Rows are asked in order. The adapters stand in front of the table, grouped by format.
 
 #include <cstddef>
 #include <utility>

@@ -1,3 +1,13 @@
+// Each line is one label. The first form that fits counts, in this order:
+//
+// 1. Label description, as ITK-SNAP writes it: seven numbers, then a name in quotation marks.
+// 2. CSV: two or three cells. A quotation mark inside a quoted cell is written twice.
+// 3. Colour table, as FreeSurfer writes it: a number, a name, four numbers. The last four words are
+//    the numbers, so the name may have spaces.
+//
+// Empty lines, lines that begin with # and a first line of words are passed over. A value may occur
+// once. Its line is kept until the end, for the message about a second one.
+
 #include "core/formats/label_names.h"
 
 #include <algorithm>

@@ -1,3 +1,15 @@
+// Open applies the members of a request in this order:
+//
+// 1. It finds the row of the format, by name and content; a raw file has none.
+// 2. The row opens the path, under the grid rules of the request.
+// 3. PlaceSeries: --spacing, --origin, --direction.
+// 4. AdjustSeries: crop, stride, fill.
+// 5. SelectFrom: fields, steps, names.
+//
+// OpenIdentified also says what the volumes were made of. Its identity is the text of Describe, one
+// line a member (`stride 2`), and the stamps of all files. It stamps the files before it opens
+// them, and compares whenever an identity is asked for. So a change during the work is an error.
+
 #include "core/formats/open_request.h"
 
 #include <algorithm>

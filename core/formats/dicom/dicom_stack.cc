@@ -1,3 +1,16 @@
+// StackSlices turns slices into one grid:
+//
+// 1. It sorts them by position along their normal.
+// 2. CheckParallel: all have one orientation.
+// 3. CheckAlike: all have one size, spacing of pixels, unit and frame of reference.
+// 4. StackOf: no slice is there twice, and the gaps are even. Otherwise the stack is an error, or
+//    its distances go to the resampler.
+// 5. LineOf: the first pixels lie on the normal, or on one line that leans (a tilted gantry).
+//
+// Even gaps are within 1 % of their mean, and no slice is off its place by a tenth of a gap. The
+// second rule is needed because small errors add up: if 100 gaps shrink from 1.009 to 0.991, the
+// middle slice is 0.2 gaps off. Source: DICOM PS3.3, section C.7.6.2, "Image Plane Module".
+
 #include "core/formats/dicom/dicom_stack.h"
 
 #include <algorithm>

@@ -1,3 +1,14 @@
+// The library runs in a child process, which answers two questions of the parent in texts:
+//
+// 1. DescribeMeshes: which fields lie on the chosen grid? Without a part it is the grid of the most
+//    fields. Each field has a number, its place in FindHdf5Meshes.
+// 2. OpenMesh: the samples of the part "number step component rules". The child finds the meshes
+//    again, and the file may have changed meanwhile. So numbers and sizes are checked anew.
+//
+// A volume is a dataset, or a constant component of openPMD: a group with a value and a shape.
+// Sources: the VTKHDF file format, https://docs.vtk.org; the openPMD standard, "Mesh Based
+// Records", https://github.com/openPMD/openPMD-standard.
+
 #include "core/formats/hdf5/hdf5_mesh_series.h"
 
 #include <algorithm>

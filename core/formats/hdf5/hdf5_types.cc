@@ -1,3 +1,17 @@
+// The type of a dataset decides the type of its samples, and the type that H5Dread is asked for:
+//
+//   stored                             samples                    read as
+//   integer of 1, 2 or 4 bytes         the same integer           the same, little-endian
+//   integer of 8 bytes                 float64 (wide_source.h)    the same, little-endian
+//   IEEE float of 4 or 8 bytes         the same float             the same, little-endian
+//   IEEE float of 2 bytes              float32 (wide_source.h)    the same, little-endian
+//   enumeration of h5py's bool         uint8                      uint8
+//   other enumeration                  as its integer             as its integer
+//   bit field of 1, 2, 4 or 8 bytes    as an unsigned integer     the same, little-endian
+//
+// Other types are refused by a name that people know (Hdf5TypeName). Source: "HDF5 File Format
+// Specification", the message "Datatype".
+
 #include "core/formats/hdf5/hdf5_types.h"
 
 #include <cstddef>

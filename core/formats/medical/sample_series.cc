@@ -1,3 +1,15 @@
+// The header of an NRRD or MetaImage file becomes a FileLayout, which MakeLayoutSeries opens.
+//
+// NRRD, by its axes:
+//
+//   three, or more of one sample each   one volume
+//   a fourth that is not of space       first or last: steps if its kind is time, else components
+//   others                              refused
+//
+// MetaImage: the fourth number of DimSize counts steps, ElementNumberOfChannels counts components.
+// A file has one of both. Sources: http://teem.sourceforge.net/nrrd/format.html;
+// https://itk.org/Wiki/MetaIO/Documentation.
+
 #include "core/formats/medical/sample_series.h"
 
 #include <algorithm>

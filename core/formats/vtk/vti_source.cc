@@ -1,3 +1,15 @@
+// An array is opened by its format:
+//
+//   ascii              numbers as text (text_source.h)
+//   binary, appended   bytes at any offset (vti_data.cc has the layout)
+//
+// Int64 and UInt64 get a source around, which makes float64 of them (wide_source.h). Components lie
+// interleaved, x0 y0 z0 x1 y1 z1: ReadComponent reads 64 KiB of tuples at once, and keeps one
+// component. The bytes of a big-endian file are swapped last.
+//
+// ReadVtiNumbers reads a whole short array: coordinates of a .vtr, or TimeValue. Source: VTK's file
+// format description, "XML File Formats", https://docs.vtk.org.
+
 #include "core/formats/vtk/vti_source.h"
 
 #include <algorithm>
