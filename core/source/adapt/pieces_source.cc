@@ -1,3 +1,16 @@
+// FindGap subtracts the pieces from the box of the whole, one after the other. Subtract cuts the
+// box at the faces of the piece, axis by axis. In two dimensions, first x, then y:
+//
+//   +---+---+---+
+//   |   | 3 |   |   1 and 2 are beside the piece in x; 3 and 4 are beside it in y. What is left
+//   | 1 |###| 2 |   inside the piece is dropped. In three dimensions at most six boxes remain.
+//   |   | 4 |   |
+//   +---+---+---+
+//
+// ReadRows goes from plane to plane. It writes the pieces from the last to the first, so the first
+// one counts where they overlap. ReadPiece reads whole rows of a piece, as many as 256 KiB hold,
+// and copies its box. The list of open pieces is ordered by use, the last used first.
+
 #include "core/source/adapt/pieces_source.h"
 
 #include <algorithm>

@@ -1,3 +1,12 @@
+// PlaceSource changes the geometry of a source and passes its samples on:
+//
+// 1. Validate checks the numbers of the user. A direction has columns of length 1 at right angles.
+// 2. PlacedGrid replaces spacing, origin or direction, and checks the whole grid.
+// 3. The note names each member that has changed: "the grid is not that of the file: spacing 1, 1,
+//    4 in place of 1, 1, 1".
+//
+// Sample dimensions never change. MoveSource leaves the note as it is, for files without a grid.
+
 #include "core/source/adapt/placed_source.h"
 
 #include <array>

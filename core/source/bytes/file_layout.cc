@@ -1,3 +1,15 @@
+// Volume v = (field * components + component) * steps + step of a layout is one of these:
+//
+//   planes with offsets (`slices`)   OpenSlices: the planes v * dims.z and those after it
+//   tuples                           MakeFileSource, component v of each tuple
+//   volumes one behind the other     MakeFileSource, volume v
+//
+// If one volume or plane is rescaled, all are, so that the volumes of a series have one type.
+// StoredSliceReader reads a plane into the tail of the output and rescales it from front to back:
+// the result of a sample never overwrites a stored one that is still to come.
+//
+// MakeLayoutSeries checks the limits of fields, components and steps, and that times ascend.
+
 #include "core/source/bytes/file_layout.h"
 
 #include <algorithm>

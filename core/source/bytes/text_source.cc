@@ -1,3 +1,15 @@
+// Numbers can only be read one after the other. ReadRows takes these steps:
+//
+// 1. If the rows lie before the last number that was read, start over at the offset.
+// 2. Skip the numbers up to the first sample.
+// 3. Parse a number for each sample. Between two of them skip the other components.
+//
+// With three components, the samples of component 1 are the numbers 1, 4, 7, ...
+//
+// A number beyond the range of its type is an error. Integers of 64 bits may reach 2^53, which
+// float64 holds. Floats may have Fortran's exponent ("1.5D-03"). MakeTextSource compares the size
+// of the file with two bytes a number: a header that promises too much is an error at once.
+
 #include "core/source/bytes/text_source.h"
 
 #include <cmath>

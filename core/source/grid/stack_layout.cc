@@ -1,3 +1,14 @@
+// A layout says which plane of a file holds each slice (Z), channel (C) and step (T). LayPlanes
+// computes it from letters, slowest first. A letter's stride is the product of the counts behind
+// it: with "TCZ", 2 channels and 20 slices, the plane of t, c, z is 40 t + 20 c + z.
+//
+// ApplyPageAxes takes the letters of the user, as "TC2Z20":
+//
+// 1. ParsePageAxes splits it into letters and counts.
+// 2. If several counts are missing, the file's own are used, if it knows them.
+// 3. The last missing count follows from the number of planes: 120 planes make 3 steps.
+// 4. Times and names of another count than that of steps and channels are dropped.
+
 #include "core/source/grid/stack_layout.h"
 
 #include <algorithm>
