@@ -1,4 +1,12 @@
 // isoscope-agent: serves shards to a coordinator.
+//
+// 1. Start: arena, memory and renderer, then the port. From here on the agent answers.
+// 2. FinishStart: opens the shards and prepares the renderer. OpeningLog logs the progress after a
+//    second, and then every ten seconds.
+// 3. AnnounceDrain, at SIGTERM: coordinators learn that the agent is about to stop, while it serves
+//    on for --drain-notice-seconds.
+//
+// rpc::RunServerProgram calls these functions (rpc/server_program.h).
 
 #include <cstddef>
 #include <cstdint>

@@ -1,3 +1,14 @@
+// A pick goes through these conversions:
+//
+// 1. PickSpecFromProto, in the coordinator: a request becomes the frame of the smallest region
+//    around its pixels, without its look, with normals and exact culling.
+// 2. Picked...FromProto, in an agent: points, blocks and surfaces of a question. Lists that belong
+//    together have one element a point, or none at all.
+// 3. Add..., in the coordinator: each answer names its point by index, and is written there. An
+//    index out of range, or an answer that was not asked for, is an error.
+//
+// An agent answers only the points in its shards, so the coordinator adds up several answers.
+
 #include "wire/pick_convert.h"
 
 #include <algorithm>
