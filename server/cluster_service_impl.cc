@@ -1,3 +1,14 @@
+// GetCapabilities and GetClusterStatus answer at once, from memory. They ask no agent.
+//
+// The state of an agent is the first that applies:
+//
+//   OPENING       it answers, and its shards are not open yet
+//   UNREACHABLE   the last probe failed; the message says why
+//   REACHABLE     the message is the complaint about one of its datasets, or empty
+//
+// A caller sees the shards, damages and frames of the datasets that it may see. A named caller does
+// not see the addresses of other clients.
+
 #include "server/cluster_service_impl.h"
 
 #include <algorithm>

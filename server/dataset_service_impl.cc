@@ -1,3 +1,14 @@
+// ListDatasets and GetDataset answer at once, from the registry. GetHistogram is work
+// (HistogramCall), with a queue of its own; requests for label values read all samples, and have
+// another queue. A histogram takes these steps:
+//
+// 1. Admit: identify the caller, check the request, take a place in the queue.
+// 2. When its turn comes, AnswerHistogram finds the dataset and the selected volume.
+// 3. AskHistogram asks one agent for each part, and adds up the bins.
+// 4. SuggestIsovalues looks for isovalues in the sum, if groups were asked for.
+//
+// The place is given back before the answer, so that the client's next request finds it free.
+
 #include "server/dataset_service_impl.h"
 
 #include <algorithm>

@@ -1,4 +1,8 @@
 // isoscope-coordinator: the public service in front of the agents.
+//
+// AddFlags and CheckUsage read the command line, Start makes the server and its metrics.
+// rpc::RunServerProgram calls these functions (rpc/server_program.h). An --agent is an address, a
+// DNS name or a list in a file.
 
 #include <cstddef>
 #include <cstdint>

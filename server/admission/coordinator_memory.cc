@@ -1,3 +1,15 @@
+// The limit is divided into shares:
+//
+//   9/16   frames, with their traces
+//   1/8    exports; at least 24 MiB
+//   1/8    images between frames; at most 384 MiB
+//   1/16   active blocks between frames; at most 64 MiB
+//   1/8    the process and gRPC
+//
+// FrameBytes adds up the peak of one frame. 1024 x 1024 pixels as a PNG in one message take 26 MiB
+// drawn (26 bytes a pixel), 4 MiB encoded, 4 MiB of gRPC's copy and 1 MiB besides: 35 MiB. Each of
+// max_layers + 1 layers would add 20 MiB.
+
 #include "server/admission/coordinator_memory.h"
 
 #include <algorithm>

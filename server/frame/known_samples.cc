@@ -1,3 +1,14 @@
+// The histogram of a volume proves some surfaces empty. NoteOf returns the first note that applies:
+//
+//   every sample is NaN                            NO_SAMPLES
+//   the isovalue is not in (smallest, largest]     OUTSIDE_RANGE
+//   no label of the surface has a sample           NO_LABEL
+//   some labels of the surface have no sample      SOME_LABELS_MISSING
+//
+// NoCellNoteOf is for a surface that passes all of these, but has no cell (NO_CELL). An empty bin
+// proves that a label has no sample. A bin wider than one value proves nothing else, so MayHave
+// says yes. TextOfValues shortens runs of three or more: 0, 1, 2, 3, 7 is "0 to 3, 7".
+
 #include "server/frame/known_samples.h"
 
 #include <algorithm>

@@ -1,3 +1,13 @@
+// A pick is a frame, and then a question to the agents:
+//
+// 1. Prepare and Run draw the region around the pixels, with normals in place of colours.
+// 2. ShowNearest puts the nearest translucent fragment of each pixel into the image.
+// 3. PointAt reads position, surface, block and normal of each pixel. A pixel shows a cap if its
+//    depth is that of a crossing of its ray with the clip region.
+// 4. AskAgentsOfPoints asks for shard, label or gradient, and values at all points that are hit.
+//    A hit without a shard, a value, or a label of its surface is INTERNAL.
+// 5. ToProto joins both. A background pixel gives an empty point.
+
 #include "server/frame/pick_job.h"
 
 #include <cstddef>

@@ -1,3 +1,15 @@
+// A pixel of the image is a key, depth << 32 | owner, and a colour or a normal. Its outputs:
+//
+//   output          bytes   of a surface                          of the background
+//   picture         4       its colour, before compression        the background colour
+//   depth           4       float: distance from its depth        infinity
+//   surface_index   1       the surface of its owner              255
+//   position        12      three floats: point at its distance   NaN
+//   normal          12      three floats: its coded normal        NaN
+//
+// All are little-endian, row by row. Rows are filled in parallel. PointAt computes the same values
+// for one pixel.
+
 #include "server/picture/frame_output.h"
 
 #include <array>
