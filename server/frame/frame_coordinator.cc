@@ -8,6 +8,37 @@
 //      blocks.
 //   5. From 2, until all parts have ended and all pixels are composited.
 //
+// The threads of a frame. [X] is the lock that an arrow takes:
+//
+//   threads of gRPC,                    the frame's thread,               threads of the arena,
+//   one at a time for a stream          of Admission                      for all frames
+//   ---------------------------------   -------------------------------   -------------------------
+//   FrameStream::OnReadDone
+//     ReadGate::Add [G]
+//     EventQueue::Push ------ [E] ----> PopAll sleeps until ready
+//       ^                               FrameProtocol::Handle
+//       |                               PixelQueue::Push ------ [P] ----> Help takes an arrival and
+//       |                               CompositeOne does as Help         composites it [R]
+//       +-- damaged pixels -- [E] ----- of either ----------------------- thread
+//     StartRead <- a Hold ends - [G] -- on either ----------------------- thread
+//   StartWrite <- blocks to draw [S] -- Begin, Do(kSend); or ------------ SelectOccluders or
+//                                                                         SelectVisible
+//   OnDone calls OnEnd, ends -- [S] --> ~AgentLink waits for the end
+//
+//   [E] EventQueue::mutex_    events, and how many of them end the step
+//   [P] PixelQueue::mutex_    arrivals, helpers, damages
+//   [R] RowLocks              one row of tiles of the image
+//   [G] ReadGate::mutex_      bytes that wait, streams that wait to read
+//   [S] FrameStream::mutex_   messages to write, the ends of reads and of the stream
+//
+// No thread holds two of these locks. Threads of gRPC wait for nothing else. A stream that the gate
+// stops has no read in flight, so gRPC's flow control stops its agent. The frame's thread waits in
+// PopAll (events, deadline, cancellation, and every 10 ms if there are spare replicas), in Finish
+// and Abandon (helpers), and in ~AgentLink. FrameTicket::TakeMemory has waited for memory before.
+// FrameTicket::Cancel, on a thread of gRPC, wakes PopAll by a callback [E].
+//
+// Agents of this process hand images over by a mailbox (OnDrawnPixels), past the gate.
+//
 // A frame that fails cancels all agents and waits until their streams have ended, so that no agent
 // works for it when RunFrame returns.
 
