@@ -1,4 +1,5 @@
-// What a path names: by its name and by the content of the file, in one order for all who ask.
+// Finds the volume that a path names: by its name and by the content of the file, in one order for
+// all callers.
 
 #ifndef ISOSCOPE_CORE_FORMATS_FIND_VOLUME_H_
 #define ISOSCOPE_CORE_FORMATS_FIND_VOLUME_H_

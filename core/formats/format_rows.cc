@@ -105,8 +105,8 @@ Series OpenAsNetcdf(const FileRequest& request) {
                               : SelectPart(*std::move(series), request.file, request.part);
 }
 
-// What the files say of their meshes, or netCDF's variables; null if the path names a dataset, or
-// if there are none.
+// Opens the meshes that the files describe, else netCDF's variables. Null if the path names a
+// dataset, or if there are none.
 Series OpenMeshesOrVariables(const FileRequest& request) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> meshes,
                             OpenHdf5Meshes({request.file, request.part}, request.rules));

@@ -22,7 +22,7 @@
 
 namespace isoscope::source {
 
-// What a path names, and how it is to be read.
+// The files that a path names, and the flags to read them by.
 struct FileRequest {
   std::string path;                  // as it was given
   std::string file;                  // the path without its part

@@ -134,8 +134,8 @@ SeriesOptions OptionsOf(const OpenRequest& request) {
                     .dicom_series = request.dicom_series}};
 }
 
-// The series that knows its request. What a step was opened from is kept as digests: first those of
-// all files, then, where steps have files of their own, those of each step as it is first opened.
+// The series that knows its request. It keeps digests of the stamps of its files: at first of all
+// files together. Where steps have files of their own, each step gets a digest when it is opened.
 class IdentifiedSeries final : public VolumeSeries {
  public:
   // `files`: all, which had the `stamps` before the series was opened.

@@ -116,7 +116,7 @@ struct DicomAnswer {
   DicomTags increments{};                     // the elements that tell frames apart (0028,0009)
   // The elements that frames have indices of: (0020,9222), or vectors of nuclear medicine.
   DicomTags dimensions{};
-  // Of a segmentation:
+  // These two describe a segmentation:
   DicomSegmentKind segment_kind = DicomSegmentKind::kUnknown;
   MaybeDicomNumber padding{};  // the value of pixels of no segment
 };

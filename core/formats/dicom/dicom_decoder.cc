@@ -91,7 +91,7 @@ DicomFrame FrameOf(const DicomFrameRecord& record, std::size_t dimensions) {
   return frame;
 }
 
-// What the answer says of pixels, or DATA_LOSS if it can't be so.
+// Reads the description of the pixels in an answer. DATA_LOSS: its numbers are impossible.
 absl::StatusOr<DicomPixels> PixelsOf(const DicomAnswer& answer) {
   constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 16;  // rows and columns are 16-bit
   if (answer.dims[0] > kMaxSide || answer.dims[1] > kMaxSide || answer.dims[2] < 1 ||

@@ -45,7 +45,7 @@ struct DicomPixels {
   std::int64_t high_bit = 0;
   bool is_signed = false;
 
-  // Of a frame, if its bits are whole bytes; else of fewer.
+  // The bytes of a frame, if its bits are whole bytes; otherwise fewer.
   [[nodiscard]] std::int64_t frame_bytes() const {
     return width * height * components * (bits_allocated / 8);
   }
@@ -65,7 +65,7 @@ struct DicomFrames {
   DicomGiven offsets = DicomGiven::kMissing;
   std::vector<std::uint32_t> increments{};  // tags of elements that tell frames apart
   std::vector<std::uint32_t> dimensions{};  // tags
-  // Of a segmentation:
+  // These two describe a segmentation:
   DicomSegmentKind segment_kind = DicomSegmentKind::kUnknown;
   std::optional<double> padding{};  // the value of pixels of no segment
 };

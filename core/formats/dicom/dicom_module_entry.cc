@@ -1,4 +1,4 @@
-// What isoscope_dicom.so exports (dicom_module.h).
+// isoscope_dicom.so exports these symbols (dicom_module.h).
 
 #include "core/formats/dicom/dicom_child.h"
 

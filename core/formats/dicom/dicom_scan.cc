@@ -237,8 +237,8 @@ class Scanner {
     return reader_.position() == end;
   }
 
-  // Keeps the value of one of kTexts, without the spaces and zeros at its ends. Of several texts
-  // the first, but of the type of the image all.
+  // Keeps the value of one of kTexts, without the spaces and zeros at its ends. It keeps the first
+  // of several texts, but all texts of the type of the image.
   absl::Status KeepText(const DicomElement& element) {
     constexpr std::uint32_t kMaxTextBytes = 128;
     if (std::find(kTexts.begin(), kTexts.end(), element.tag) == kTexts.end()) {

@@ -38,7 +38,7 @@ constexpr auto kWithoutPixels = std::to_array<absl::string_view>({
 constexpr auto kRadiotherapyImages =
     std::to_array<absl::string_view>({"481.1", "481.2", "481.23", "481.24"});
 
-// What stands behind kStorage; "" if the class is none of the standard's.
+// Returns the numbers behind kStorage; "" if the class is none of the standard's.
 absl::string_view SuffixOf(absl::string_view uid) {
   return absl::ConsumePrefix(&uid, kStandard) && absl::ConsumePrefix(&uid, kStorage)
              ? uid

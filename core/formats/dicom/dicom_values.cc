@@ -1,6 +1,6 @@
 // A pixel has BitsAllocated (0028,0100) bits. Its value is in BitsStored (0028,0101) of them, of
 // which HighBit (0028,0102) is the highest. The others have no meaning; old files keep overlays
-// there. Of a signed value in 12 of 16 bits:
+// there. A signed value in 12 of 16 bits:
 //
 //   bits allocated   xxxx svvv vvvv vvvv      x: no meaning; s: sign; high bit: 11
 //   clean            ssss svvv vvvv vvvv

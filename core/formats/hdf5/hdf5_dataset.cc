@@ -48,7 +48,7 @@ std::vector<std::string> Candidates(const std::vector<Hdf5Entry>& entries, std::
   return axes == 0 && plain.size() == 1 ? plain : all;
 }
 
-// What a NeXus file plots by default, if that is a volume; else "".
+// Returns the dataset that a NeXus file plots by default, if it is a volume; else "".
 std::string DefaultVolume(hid_t file, std::size_t axes) {
   const std::string name = FindNexusDefault(file);
   const Hdf5Handle dataset(

@@ -1,5 +1,5 @@
-// What a NeXus file plots by default, and along which axes: groups of the class NXdata. Calls the
-// HDF5 library: for the process that it runs in (walled_source.h).
+// The default plot of a NeXus file and its axes: groups of the class NXdata. This code calls the
+// HDF5 library, so it is for the process in which the library runs (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_FORMATS_HDF5_NEXUS_DATA_H_
 #define ISOSCOPE_CORE_FORMATS_HDF5_NEXUS_DATA_H_
@@ -30,8 +30,8 @@ std::string FindNexusSignal(hid_t group);
 absl::StatusOr<std::vector<std::string>> FindNexusAxes(hid_t group, const std::string& name,
                                                        std::size_t rank);
 
-// What turns the stored values of the field `name` of a group to real ones: (value + offset) *
-// factor, by the fields `name`_scaling_factor and `name`_offset.
+// Turns the stored values of the field `name` of a group to real ones: (value + offset) * factor,
+// by the fields `name`_scaling_factor and `name`_offset.
 struct NexusScale {
   double factor = 1;
   double offset = 0;

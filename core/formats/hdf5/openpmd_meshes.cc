@@ -221,7 +221,7 @@ std::string AddOpenPmdField(hid_t record, const std::string& record_path, hid_t 
   return "";
 }
 
-// What an iteration says of grid and unit; an attribute that is missing has its default.
+// The attributes of an iteration for grid and unit; a missing attribute has its default.
 struct OpenPmdAttributes {
   std::map<std::string, std::vector<std::string>> texts{};
   std::map<std::string, std::vector<double>> numbers{};

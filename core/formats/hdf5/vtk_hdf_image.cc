@@ -95,7 +95,7 @@ absl::StatusOr<std::vector<std::int64_t>> ReadVtkHdfOffsets(hid_t root, const st
   const Hdf5Handle dataset(H5Dopen2(root, path.c_str(), H5P_DEFAULT), H5Dclose);
   const std::vector<std::int64_t> dims =
       dataset.is_valid() ? Hdf5DimsOf(dataset.get()) : std::vector<std::int64_t>();
-  // Of one array, or of one part, as VTK writes it for partitioned data.
+  // The numbers of one array, or of one part, as VTK writes it for partitioned data.
   if (dims != std::vector<std::int64_t>{count} && dims != std::vector<std::int64_t>{count, 1}) {
     return absl::InvalidArgumentError(
         absl::StrFormat("its %s has %s numbers; expected one a step, %d: correct it, or remove it "

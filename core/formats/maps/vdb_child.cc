@@ -93,7 +93,7 @@ constexpr ScalarType VdbScalarType() {
                                                  : ScalarType::kFloat64;  // and of int64, its bits
 }
 
-// Of bits, all in memory with the tree.
+// True for grids of bits, which are in memory as a whole with the tree.
 template <typename GridType>
 constexpr bool kIsVdbBits = std::is_same_v<typename GridType::ValueType, bool>;
 

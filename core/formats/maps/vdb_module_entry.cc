@@ -1,4 +1,4 @@
-// What isoscope_vdb.so exports (vdb_series.cc).
+// isoscope_vdb.so exports these symbols (vdb_series.cc).
 
 #include "core/formats/maps/vdb_child.h"
 

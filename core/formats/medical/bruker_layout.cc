@@ -54,7 +54,7 @@ namespace {
 constexpr std::int64_t kMaxBrukerSize = 65'536;  // of an axis
 constexpr std::int64_t kMaxBrukerFrames = 1'000'000;
 constexpr std::size_t kMaxBrukerGroups = 16;
-// Of positions and directions, which are rounded texts; a share of the distance.
+// Positions and directions are rounded texts, so they may deviate by this share of the distance.
 constexpr double kMaxBrukerDeviation = 1e-3;
 
 struct FrameGroup {

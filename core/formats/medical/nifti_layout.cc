@@ -133,7 +133,7 @@ AffineRows QformOf(const NiftiNumbers& header, const std::string& path, FileLayo
   double c = header.Quaternion(1);
   double d = header.Quaternion(2);
   double a = 1 - (b * b + c * c + d * d);
-  // Of rounded numbers, the sum of squares is 1 at most.
+  // The sum of squares is 1 at most, but the numbers are rounded.
   constexpr double kMaxExcess = 1e-3;
   if (!(a >= -kMaxExcess) || std::isnan(header.Distance(0))) {
     layout->faults.directions.Update(NoDirections(
@@ -196,8 +196,8 @@ AffineRows TransformOf(const NiftiNumbers& header, const std::string& path, File
   return rows;
 }
 
-// Numbers that were meant as others, as those of the other byte order. What is no number at all
-// becomes a fault of the layout.
+// Refuses numbers that were meant as others, as those of the other byte order. A NaN or an infinite
+// number becomes a fault of the layout.
 absl::Status CheckSform(const NiftiNumbers& header, const std::string& path) {
   constexpr double kMaxElement = 1e12;
   const AffineRows rows = header.Sform();

@@ -1,4 +1,4 @@
-// What the headers of both versions of NIfTI, and of Analyze, have in common. layout_formats.h has
+// The common parts of the headers of both versions of NIfTI, and of Analyze. layout_formats.h has
 // their readers.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_NIFTI_LAYOUT_H_

@@ -1,4 +1,4 @@
-// What the headers of both versions of NIfTI, and of Analyze, have in common.
+// The common parts of the headers of both versions of NIfTI, and of Analyze.
 
 #include <algorithm>
 #include <array>

@@ -139,7 +139,7 @@ absl::Status NamedMinc1(const Minc1File& minc, const absl::Status& status) {
   return status.ok() ? status : Minc1Error(minc, std::string(status.message()));
 }
 
-// What the variable of an axis says.
+// Reads the variable of an axis.
 absl::StatusOr<MincAxis> ReadMinc1Axis(const Minc1File& minc, std::size_t index) {
   MincAxis axis{.name = minc.image.axes[index].name};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<NetcdfVariable> variable,

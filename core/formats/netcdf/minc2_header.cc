@@ -84,7 +84,7 @@ std::string MincText(hid_t object, const char* attribute) {
   return bytes.substr(0, std::min(bytes.find('\0'), size));
 }
 
-// What turns the lengths of an axis of the image to millimetres.
+// Returns the factor that turns the lengths of an axis of the image to millimetres.
 absl::StatusOr<double> CheckMinc2Axis(hid_t file, const std::string& name) {
   const Hdf5Handle dimension(
       H5Dopen2(file, absl::StrCat("/minc-2.0/dimensions/", name).c_str(), H5P_DEFAULT), H5Dclose);

@@ -1,6 +1,6 @@
-// What ITK and libminc take from the header of a MINC 2 file without a check: a step of 0 becomes
-// that of another axis, samples at uneven distances become even, and units are passed over. Calls
-// the HDF5 library: for the process that it runs in (walled_source.h).
+// Checks the header of a MINC 2 file, which ITK and libminc do not. With them a step of 0 becomes
+// that of another axis, uneven distances become even, and units are passed over. This code calls
+// the HDF5 library, so it is for the process in which the library runs (walled_source.h).
 
 #ifndef ISOSCOPE_CORE_FORMATS_NETCDF_MINC2_HEADER_H_
 #define ISOSCOPE_CORE_FORMATS_NETCDF_MINC2_HEADER_H_

@@ -1,4 +1,4 @@
-// What both versions of MINC say of an axis, and of the scale of samples, checked in one place.
+// Checks the axes and the scale of samples of both versions of MINC in one place.
 
 #ifndef ISOSCOPE_CORE_FORMATS_NETCDF_MINC_AXIS_H_
 #define ISOSCOPE_CORE_FORMATS_NETCDF_MINC_AXIS_H_

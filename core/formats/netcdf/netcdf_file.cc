@@ -153,8 +153,8 @@ bool FindCoordinate(int group, int dimension, const char* name, int* owner, int*
   }
 }
 
-// What stands for no coordinate: its own values, and the library's fill value of floats, as they
-// are stored.
+// Returns the values that stand for no coordinate, as they are stored: those of the variable, and
+// the library's fill value of floats.
 std::vector<double> MissingCoordinates(int group, int variable, volume::ScalarType type) {
   std::vector<double> missing = NetcdfNumbers(group, variable, "_FillValue");
   const std::vector<double> others = NetcdfNumbers(group, variable, "missing_value");
@@ -351,8 +351,8 @@ absl::Status ReadLimits(const NetcdfVariable& variable, nc_type scaled, double u
   return absl::OkStatus();
 }
 
-// What the library writes where nobody did; not set for bytes, whose values are all data, and for
-// integers of 64 bits, where it is no double: WideSource refuses it.
+// Returns the value that the library writes where nobody did. Not set for bytes, whose values are
+// all data, and for integers of 64 bits, where it is no double: WideSource refuses it.
 std::optional<double> DefaultFillOf(nc_type type) {
   switch (type) {
     case NC_SHORT:

@@ -31,7 +31,7 @@ class PngReader {
   PngReader& operator=(const PngReader&) = delete;
 
   [[nodiscard]] bool is_open() const { return file_ != nullptr && info_ != nullptr; }
-  // What libpng said of a step that failed.
+  // The message of libpng about a step that failed.
   [[nodiscard]] const std::string& said() const { return said_; }
 
   // False: said().

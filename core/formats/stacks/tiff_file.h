@@ -60,7 +60,7 @@ absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, Tif
 absl::Status ReadTiffPlane(TIFF* tiff, const PageFormat& format, std::uint16_t plane,
                            const std::string& path, char* out);
 
-// What the head of a stack says, and where its pages are.
+// The description in the head of a stack, and the offsets of its pages.
 struct TiffPages {
   // For TIFFSetSubDirectory; reduced pages, which are thumbnails, are left out.
   std::vector<std::uint64_t> offsets;

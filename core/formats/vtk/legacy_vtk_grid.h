@@ -19,7 +19,7 @@ namespace isoscope::source {
 class LegacyGrid {
  public:
   void SetRectilinear() { is_rectilinear_ = true; }
-  // Of points; 0 until they are known.
+  // The numbers of points; 0 until they are known.
   [[nodiscard]] const math::Index3& dims() const { return dims_; }
 
   // Takes all behind a keyword of the grid, such as DIMENSIONS; false if it is no such keyword.

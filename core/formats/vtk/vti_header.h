@@ -41,7 +41,7 @@ struct VtiHeader {
   int piece_count = 0;
   std::string piece_extent;      // of the first piece
   std::vector<VtiArray> arrays;  // of the first piece
-  // Of x, y and z, of the first piece of a RectilinearGrid.
+  // The coordinates x, y and z of the first piece of a RectilinearGrid.
   std::vector<VtiArray> coordinates{};
   std::string point_scalars;             // the array that PointData calls its scalars
   std::string cell_scalars;              // the same for CellData
