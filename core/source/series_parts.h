@@ -20,7 +20,7 @@ namespace isoscope::source {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectPart(std::unique_ptr<VolumeSeries> series,
                                                          const std::string& file,
                                                          const std::string& part);
-// What there is to choose from, in the words of `isoscope info` and of errors:
+// Describes the fields to choose from, as `isoscope info` and errors do:
 // "p [Pa], velocity (x, y, z)", at most 50 of them.
 std::string DescribeFields(const std::vector<SourceField>& fields);
 // "3, from 0 to 2 s"; "1, without a time".

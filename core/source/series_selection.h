@@ -30,8 +30,8 @@ struct SeriesSelection {
   std::optional<double> time = std::nullopt;      // finite; of a source without times
 };
 
-// What to do about a field, or a component of one ("u:x"), that a source has on another grid: "; it
-// lies on another grid: open run.nc:u". "" if it has it nowhere.
+// Tells how to open a field, or a component of one ("u:x"), that lies on another grid: "; it lies
+// on another grid: open run.nc:u". "" if the source has no such field.
 std::string OtherGridAdvice(const SeriesInfo& source, absl::string_view field);
 
 // INVALID_ARGUMENT: no such field (lists those there are) or step, a field twice, or a time

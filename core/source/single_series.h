@@ -18,7 +18,7 @@ struct SingleVolume {
   std::string path;  // for messages
   std::string field;
   std::string length_unit{};
-  // What `open` has returned; the first VolumeSeries::Open takes it.
+  // The result of `open`; the first VolumeSeries::Open takes it.
   std::unique_ptr<VolumeSource> volume{};
   std::function<absl::StatusOr<std::unique_ptr<VolumeSource>>()> open{};
 };

@@ -2,8 +2,8 @@
 // box at the faces of the piece, axis by axis. In two dimensions, first x, then y:
 //
 //   +---+---+---+
-//   |   | 3 |   |   1 and 2 are beside the piece in x; 3 and 4 are beside it in y. What is left
-//   | 1 |###| 2 |   inside the piece is dropped. In three dimensions at most six boxes remain.
+//   |   | 3 |   |   1 and 2 lie beside the piece in x; 3 and 4 lie beside it in y. The inside of
+//   | 1 |###| 2 |   the piece is dropped. In three dimensions at most six boxes remain.
 //   |   | 4 |   |
 //   +---+---+---+
 //

@@ -18,7 +18,7 @@
 
 namespace isoscope::source {
 
-// What takes the place of the file's grid; not set: as the file has it.
+// The members that take the place of the file's grid; not set: as the file has it.
 struct GridOverride {
   std::optional<math::Vec3d> spacing{};  // world units between samples, > 0
   std::optional<math::Vec3d> origin{};   // world position of the first sample of the file

@@ -4,7 +4,7 @@
 //   ListedFiles     a.raw, b.raw, ...
 //   NumberedFiles   slice%03d.raw 1 93 1: slice001.raw to slice093.raw
 //
-// CheckCount compares their number with the axes that a file holds. Of 64 x 64 x 93 samples, two
+// CheckCount compares their number with the axes that a file holds. For 64 x 64 x 93 samples, two
 // axes a file need 93 files. With three axes a file, their number must divide 93. It runs before
 // names are made, so a header can't ask for billions of them. CheckExist runs last. Sources: NRRD's
 // "data file", http://teem.sourceforge.net/nrrd/format.html; MetaImage's ElementDataFile,

@@ -82,7 +82,7 @@ const std::vector<Mark>& Marks() {
   return *marks;
 }
 
-// What an XML file is; nullopt if its reader takes it.
+// Describes an XML file; nullopt if its reader takes it.
 std::optional<std::string> DescribeXml(absl::string_view head) {
   const std::size_t vtk = head.find("<VTKFile");
   if (vtk != head.npos) {
@@ -117,7 +117,7 @@ bool IsWebPage(absl::string_view head) {
          absl::StartsWithIgnoreCase(text, "<html");
 }
 
-// Of plain content, not of a gzip stream.
+// Describes plain content, not a gzip stream.
 std::optional<std::string> DescribeHead(absl::string_view head) {
   constexpr absl::string_view kByteOrderMark = "\xef\xbb\xbf";
   if (absl::StartsWith(head, kByteOrderMark)) {

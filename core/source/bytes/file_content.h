@@ -1,4 +1,4 @@
-// What a file is by its first bytes, if no reader takes it.
+// Describes a file by its first bytes, if no reader takes it.
 
 #ifndef ISOSCOPE_CORE_SOURCE_BYTES_FILE_CONTENT_H_
 #define ISOSCOPE_CORE_SOURCE_BYTES_FILE_CONTENT_H_

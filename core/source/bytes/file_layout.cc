@@ -37,7 +37,7 @@ constexpr std::int64_t kMaxFileSteps = 100'000;
 constexpr std::size_t kMaxFileFields = 1000;
 constexpr std::int64_t kMaxFileComponents = 4096;
 
-// Of the steps; none of a single one.
+// Returns the times of the steps; none for a single step.
 std::vector<double> TimesOf(const FileLayout& layout) {
   std::vector<double> times = layout.times;
   const bool has_interval = times.empty() && layout.steps > 1;

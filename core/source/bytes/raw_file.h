@@ -14,7 +14,7 @@
 
 namespace isoscope::source {
 
-// What a file without a header does not say. Its samples lie 1 world unit apart, the first one at
+// The facts that a file without a header lacks. Its samples lie 1 world unit apart, the first at
 // 0, 0, 0; placed_source.h (adapt) changes that.
 struct RawFormat {
   math::Index3 dims;

@@ -2,9 +2,9 @@
 // The check has these steps:
 //
 //   1. Files of different texts are different stacks.
-//   2. Numbers that are the same in all files say nothing. Of those that vary, one that is the same
-//      in neighbours, or goes down, is that of several stacks: s1_z1, s1_z2, s2_z1, s2_z2.
-//   3. Of the numbers that are left, one must go up in even steps. Decimals (z0.5, z1.0) look like
+//   2. Numbers that are the same in all files say nothing. A number that varies, but is the same in
+//      neighbours or goes down, tells several stacks apart: s1_z1, s1_z2, s2_z1, s2_z2.
+//   3. One of the numbers that are left must go up in even steps. Decimals (z0.5, z1.0) look like
 //      several stacks, but may be one.
 
 #include "core/source/bytes/stack_names.h"
@@ -270,7 +270,7 @@ absl::Status Decimals(const std::string& path, const std::vector<std::string>& f
                                                  kAsNeighbours));
 }
 
-// Of names with one text.
+// Checks the numbers of names with one text.
 absl::Status CheckNumbers(const std::string& path, const std::vector<std::string>& files,
                           const std::vector<SplitName>& names) {
   for (std::size_t i = 1; i < names.size(); ++i) {

@@ -53,8 +53,8 @@ absl::StatusOr<bool> IsCfDown(const CfAxis& axis, char letter) {
   return IsCfDepth(axis);
 }
 
-// What turns the coordinates of the axes of space to one unit, where there are several: lengths
-// become metres, angles degrees. 1 for other axes.
+// Returns the factors that turn the axes of space to one unit, where there are several: lengths
+// become metres, angles become degrees. 1 for other axes.
 std::array<double, 3> UnitFactorsOf(const std::vector<CfAxis>& axes, const CfRoles& roles) {
   std::array<double, 3> factors{1, 1, 1};
   for (double (*const measure)(absl::string_view) : {&MetresOfCfUnit, &DegreesOfCfUnit}) {

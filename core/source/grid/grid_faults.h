@@ -1,5 +1,5 @@
-// What of a grid the header of a file does not give, or gives as numbers that are none. The flags
-// --spacing, --direction and --origin give it in place of the file.
+// The parts of a grid that the header of a file lacks, or has as numbers that are not finite. The
+// flags --spacing, --direction and --origin give them in place of the file.
 
 #ifndef ISOSCOPE_CORE_SOURCE_GRID_GRID_FAULTS_H_
 #define ISOSCOPE_CORE_SOURCE_GRID_GRID_FAULTS_H_

@@ -1,5 +1,5 @@
-// What the flags of a user say to readers: --ignore-shear, --resample, --spacing, --origin and
-// --direction, which are leave to take a grid that readers refuse, and --series.
+// The flags of a user for readers. --ignore-shear, --resample, --spacing, --origin and --direction
+// allow grids that readers refuse otherwise; --series chooses a series.
 
 #ifndef ISOSCOPE_CORE_SOURCE_GRID_GRID_RULES_H_
 #define ISOSCOPE_CORE_SOURCE_GRID_GRID_RULES_H_

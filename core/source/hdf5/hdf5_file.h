@@ -23,7 +23,7 @@ void PrepareHdf5();
 // or damaged.
 absl::StatusOr<Hdf5Handle> OpenHdf5File(const std::string& path);
 
-// What the library said of a file that it did not open, as an error.
+// Returns the error of the library about a file that it did not open.
 absl::Status Hdf5OpenError(const std::string& path, const std::string& said);
 
 }  // namespace isoscope::source

@@ -33,7 +33,7 @@ std::string Hdf5TextFrom(const Call& call) {
 // The file of an object, by the name that it was opened by.
 std::string Hdf5FileOf(hid_t object);
 
-// What names the other file: an external link, or a virtual dataset.
+// The object that names the other file: an external link, or a virtual dataset.
 enum class Hdf5OtherFile { kOfLink, kOfVirtualDataset };
 // The paths at which the library looks for a file that `owner` names, in its order
 // (H5F_prefix_open_file).
