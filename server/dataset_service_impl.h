@@ -20,7 +20,7 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
  public:
   static constexpr int kMaxConcurrentHistograms = 2;
   static constexpr int kMaxQueuedHistograms = 32;
-  // Of calls that ask for the values of labels, for which agents read all samples.
+  // The limits of calls that ask for the values of labels, for which agents read all samples.
   static constexpr int kMaxConcurrentLabelValues = 2;
   static constexpr int kMaxQueuedLabelValues = 32;
 

@@ -274,7 +274,7 @@ class IsosurfaceServiceImpl::ExportCall final
     return Push(std::move(message));
   }
 
-  // What all messages of a surface have. Alone it is a sign of life.
+  // Makes the common part of all messages of a surface. Alone it is a sign of life.
   v1::ExportIsosurfaceResponse BeginMessage() const ABSL_LOCKS_EXCLUDED(begun_mutex_) {
     const base::MutexLock lock(&begun_mutex_);
     return begun_;

@@ -73,7 +73,7 @@ struct SelectedVolume {
   std::vector<FieldVolume> all_fields;  // in the order of the dataset, if they were asked for
 };
 
-// Chooses a scalar volume of a dataset. Of a dataset without fields: the dataset itself.
+// Chooses a scalar volume of a dataset. A dataset without fields is its own volume.
 //
 // selection: null: the default
 // surfaces:  those of the frame, or none; ranges of colours by a field are set where they are not

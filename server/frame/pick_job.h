@@ -36,7 +36,7 @@ class PickJob {
   absl::Status Run(Response* response);
 
  private:
-  // What a pixel shows.
+  // The surface point that a pixel shows.
   struct Point {
     std::optional<PixelPoint> seen;  // not set: the background
     bool is_on_cap = false;

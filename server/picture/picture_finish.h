@@ -31,7 +31,7 @@ struct FinishedPicture {
   image::FrameImage image;
   // Drawn pixels that have more translucent layers than the spec allows.
   std::int64_t truncated_pixel_count = 0;
-  // Of the picture, without its margin. `shown` is empty unless it was asked for.
+  // The contents of the picture, without its margin. `shown` is empty unless it was asked for.
   picture::PictureContents contents;
 };
 
