@@ -36,7 +36,7 @@ absl::StatusOr<std::optional<FoundVolume>> FindByName(const std::string& path,
                                                       absl::Span<const Format> formats = Formats());
 std::optional<FoundVolume> FindByContent(const std::string& path,
                                          absl::Span<const Format> formats = Formats());
-// Whether a name says that the file has its own dimensions and type.
+// Returns true if a name says that the file has its own dimensions and type.
 bool NamesFormat(const std::string& path, absl::Span<const Format> formats = Formats());
 
 // The series that --series can choose from in a folder, or at an index; empty if the path names no

@@ -61,7 +61,8 @@ struct Format {
   absl::StatusOr<std::optional<FileRequest>> (*find_in_folder)(const std::string& folder) = nullptr;
   std::string in_folder{};     // what it looks for, for people: "a DICOM series"
   bool opens_folders = false;  // whatever is in them, if it is forced
-  // Whether folders below hold such files, which is looked for last. Null: they are not looked at.
+  // Returns true if folders below hold such files, which is looked for last. Null: they are not
+  // looked at.
   bool (*is_below)(const std::string& folder) = nullptr;
 
   // Grids that are sheared or uneven are INVALID_ARGUMENT, unless the rules take them.

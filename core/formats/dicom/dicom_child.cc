@@ -76,7 +76,7 @@ class DicomBytes {
     stream_->seekg(0);
     reader->SetStream(*stream_);
   }
-  // Whether the last reader went beyond the end.
+  // Returns true if the last reader went beyond the end.
   [[nodiscard]] bool has_failed() const { return stream_->fail(); }
 
  private:

@@ -35,8 +35,8 @@ bool IsKind(absl::string_view kind) {
   return kind[1] != ' ' && kKinds.find(kind) != absl::string_view::npos;
 }
 
-// Whether elements in ascending order lead to `wanted`, with a UID of the standard that begins
-// with `uid`.
+// Returns true if elements in ascending order lead to `wanted`, with a UID of the standard that
+// begins with `uid`.
 absl::StatusOr<bool> LeadsTo(DicomElementReader* reader, std::uint32_t wanted,
                              absl::string_view uid) {
   std::uint32_t last = 0;

@@ -36,11 +36,11 @@ class DicomElementReader {
   // Never goes back, but to the beginning of the file.
   void set_position(std::int64_t position) { position_ = position; }
   void Skip(std::int64_t size) { position_ += size; }
-  // Whether heads have a kind of two letters.
+  // Returns true if heads have a kind of two letters.
   [[nodiscard]] bool is_explicit() const { return is_explicit_; }
   void set_is_explicit(bool is_explicit) { is_explicit_ = is_explicit; }
 
-  // Whether the file has as many bytes from the position on.
+  // Returns true if the file has as many bytes from the position on.
   [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
   // Reads without moving. REQUIRES: Has(size).
   absl::Status Read(std::size_t size, char* out);

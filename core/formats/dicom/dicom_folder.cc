@@ -131,7 +131,8 @@ absl::StatusOr<std::vector<std::string>> CandidatesBelow(const std::string& top)
   return files;
 }
 
-// Whether a folder has an image, or a DICOM file that may be one: those below do not count then.
+// Returns true if a folder has an image, or a DICOM file that may be one: those below do not count
+// then.
 bool HasImage(const std::vector<std::string>& files) {
   return std::any_of(files.begin(), files.end(), [](const std::string& file) {
     const absl::StatusOr<DicomScan> scan = ScanDicomFile(file);

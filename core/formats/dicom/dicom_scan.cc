@@ -100,7 +100,7 @@ constexpr std::array<std::uint32_t, 8> kNumbers{kSamplesOfPixel, 0x00280006,    
                                                 kColumns,        kBitsAllocated, 0x00280101,
                                                 0x00280102,      0x00280103};
 
-// Whether the element is one of kNumbers, but does not hold a number of kind US.
+// Returns true if the element is one of kNumbers, but does not hold a number of kind US.
 bool IsBrokenNumber(const DicomElement& element) {
   return std::find(kNumbers.begin(), kNumbers.end(), element.tag) != kNumbers.end() &&
          (element.is_no_short || (element.length != 2 && element.length != 0));
@@ -271,8 +271,8 @@ class Scanner {
     return absl::OkStatus();
   }
 
-  // Whether `length` bytes are enough for the pixels that the numbers describe. True if that can't
-  // be known: colours may be stored in fewer bytes, and compressed pixels are.
+  // Returns true if `length` bytes are enough for the pixels that the numbers describe. True if
+  // that can't be known: colours may be stored in fewer bytes, and compressed pixels are.
   bool CountPixels(std::uint32_t length) {
     scan_.is_counted = samples_of_pixel_ == 1 &&
                        (scan_.transfer_syntax == kImplicit || scan_.transfer_syntax == kExplicit);

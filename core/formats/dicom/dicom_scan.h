@@ -59,7 +59,7 @@ struct DicomScan {
   bool is_counted = false;
   // Where the pixels lie in the file, in bytes; -1 if they are compressed, or were not found.
   std::int64_t pixels_offset = -1;
-  // Whether its pixels are High-Throughput JPEG 2000 (1.2.840.10008.1.2.4.201 to 203).
+  // Returns true if its pixels are High-Throughput JPEG 2000 (1.2.840.10008.1.2.4.201 to 203).
   [[nodiscard]] bool is_high_throughput() const;
   bool has_float_pixels = false;  // those of a parametric map (7fe0,0008 or 0009); not counted
 };

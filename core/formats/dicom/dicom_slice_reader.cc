@@ -177,7 +177,7 @@ absl::Status ReadStored(const DicomSlice& slice, const DicomScan& scan, DicomDec
                       : NotDecodable(absl::StatusCode::kDataLoss, decoded, slice.path, scan);
 }
 
-// Whether the file that was scanned again has the pixels that it had.
+// Returns true if the file that was scanned again has the pixels that it had.
 bool IsAsBefore(const DicomSlice& slice, const DicomScan& scan) {
   const DicomPixels& pixels = slice.values.pixels;
   return !scan.is_counted || (scan.width == pixels.width && scan.height == pixels.height &&

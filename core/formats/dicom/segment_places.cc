@@ -13,7 +13,7 @@
 namespace isoscope::source {
 namespace {
 
-// Whether two frames of one plane cover the same pixels. Positions are rounded texts.
+// Returns true if two frames of one plane cover the same pixels. Positions are rounded texts.
 bool AreAlike(const DicomSlice& a, const DicomSlice& b, double tolerance) {
   return math::Length(a.origin - b.origin) <= tolerance &&
          math::Length(a.direction.columns[0] - b.direction.columns[0]) <= 1e-3 &&

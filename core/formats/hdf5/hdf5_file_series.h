@@ -35,8 +35,8 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5FileSeries(
     const std::string& name, const std::vector<std::string>& files, const std::string& part,
     const GridRules& rules = {});
 
-// Whether netCDF-4 wrote an HDF5 file, whatever its name: it says so, or numbers its dimensions.
-// Asks a child process. Errors as OpenHdf5MeshSeries.
+// Returns true if netCDF-4 wrote an HDF5 file, whatever its name: it says so, or numbers its
+// dimensions. Asks a child process. Errors as OpenHdf5MeshSeries.
 absl::StatusOr<bool> IsWrittenByNetcdf(const std::string& file);
 
 // Opens the meshes of a file, or of the files of a pattern. Null if the file describes none, or if

@@ -286,7 +286,8 @@ class LinkWalk {
     }
   }
 
-  // Whether the first source file that opens has the dataset: only the dataset may be numbered.
+  // Returns true if the first source file that opens has the dataset: only the dataset may be
+  // numbered.
   bool Has(const std::string& name, const std::string& owner, const std::string& dataset) {
     for (const std::string& path : Hdf5PathsOf(Hdf5OtherFile::kOfVirtualDataset, name, owner)) {
       const OpenFile file = io::PathExists(path) ? Open(path) : OpenFile();

@@ -28,8 +28,8 @@ struct Hdf5Entry {
 // name, 10 000 at most. MATLAB's texts, empty arrays and internal groups ("#refs#") are left out.
 std::vector<Hdf5Entry> ListHdf5Entries(hid_t file);
 
-// Whether a path may name the dataset as a volume: samples with three axes or more, none empty;
-// with `axes` above 0, of so many.
+// Returns true if a path may name the dataset as a volume: samples with three axes or more, none
+// empty; with `axes` above 0, of so many.
 bool IsHdf5Volume(const Hdf5Entry& entry, std::size_t axes = 0);
 
 // "/a (10 x 11 x 12 uint16, gzip), /u (5 x 10 x 11 x 12 float32)": those that are volumes, 50 at

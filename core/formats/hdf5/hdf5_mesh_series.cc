@@ -77,7 +77,8 @@ absl::StatusOr<std::optional<Hdf5MeshFile>> FindMeshesOf(const std::string& path
   return meshes;
 }
 
-// Whether the volumes of a field from `begin` to `end` say the same as those of its first step.
+// INVALID_ARGUMENT unless the volumes of a field from `begin` to `end` say the same as those of its
+// first step.
 absl::Status CheckSteps(const std::string& path, const Hdf5MeshField& field, std::size_t begin,
                         std::size_t end) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file, OpenHdf5File(path));

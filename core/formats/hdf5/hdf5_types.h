@@ -28,8 +28,8 @@ struct Hdf5SampleType {
 // such type, which is named; the message is to follow the dataset's name and a colon.
 absl::StatusOr<Hdf5SampleType> Hdf5SampleTypeOf(hid_t dataset);
 
-// Whether a dataset without a name is rather of this type: integers of 8 to 32 bits, floats of 32
-// and 64.
+// Returns true if a dataset without a name is rather of this type: integers of 8 to 32 bits, floats
+// of 32 and 64.
 bool IsPlainHdf5Type(hid_t dataset);
 
 // "float32", "bool", "texts", "complex numbers of float64", "compounds (a, b)", ...

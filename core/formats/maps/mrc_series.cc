@@ -63,7 +63,7 @@ class MrcHeader {
   [[nodiscard]] double Number(std::size_t word) const {
     return static_cast<double>(std::bit_cast<float>(Integer(word)));
   }
-  // Whether the numbers make sense in this byte order.
+  // Returns true if the numbers make sense in this byte order.
   [[nodiscard]] bool is_plausible() const {
     constexpr std::int32_t kMaxAxis = 1 << 24;
     constexpr std::int32_t kMaxMode = 127;

@@ -14,7 +14,7 @@
 
 namespace isoscope::source {
 
-// Whether a file begins as OpenVDB does.
+// Returns true if a file begins as OpenVDB does.
 bool IsVdb(absl::string_view head);
 
 // Opens the grids of an OpenVDB file by libopenvdb, which runs in a child process. A grid gives the

@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// Whether the beginning of a header file, decoded, is of this format.
+// Returns true if the beginning of a header file, decoded, is of this format.
 bool IsNifti1Header(absl::string_view head);
 bool IsNifti2Header(absl::string_view head);
 bool IsAnalyzeHeader(absl::string_view head);
@@ -27,8 +27,8 @@ bool IsBrukerHeader(absl::string_view head);
 // for "a.BRIK.gz", "a.PAR" for "a.REC", "visu_pars" for "2dseq"; else `path` itself.
 std::string LayoutHeaderPath(const std::string& path);
 
-// Whether a name is that of NIfTI or Analyze: .nii, .hdr or .img, each also .gz. Which of them it
-// is, the content says.
+// Returns true if a name is that of NIfTI or Analyze: .nii, .hdr or .img, each also .gz. Which of
+// them it is, the content says.
 bool HasNiftiName(const std::string& path);
 
 // The readers of headers. A grid that is sheared is read as it is: MakeLayoutSeries refuses it.

@@ -65,7 +65,7 @@ absl::Status CheckAxes(const HeaderFields& fields, const std::string& path) {
   return absl::OkStatus();
 }
 
-// Whether the field decides a sample or its place. Others, as comments, may be there twice.
+// Returns true if the field decides a sample or its place. Others, as comments, may be there twice.
 bool IsFieldOfVolume(absl::string_view name) {
   for (const absl::string_view known :
        {"NDims", "DimSize", "ElementSpacing", "ElementSize", "Offset", "Position", "Origin",

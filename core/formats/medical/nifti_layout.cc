@@ -169,7 +169,7 @@ AffineRows QformOf(const NiftiNumbers& header, const std::string& path, FileLayo
   return rows;
 }
 
-// Whether the sform has an axis without a length, as one that is set by its code only.
+// Returns true if the sform has an axis without a length, as one that is set by its code only.
 bool IsFlat(const AffineRows& rows) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     if (rows[0][axis] == 0 && rows[1][axis] == 0 && rows[2][axis] == 0) {

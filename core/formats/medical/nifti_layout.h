@@ -26,8 +26,8 @@ absl::Status SetNiftiScale(double slope, double intercept, const char* format,
 absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path);
 // "a.img" or "a.img.gz" beside "a.hdr" or "a.hdr.gz", also of Analyze. NOT_FOUND if neither exists.
 absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& header_path);
-// Whether the samples in `file` are a gzip stream. In the header's own file its content decides; in
-// another one the name must say it, too, as samples may begin with any bytes.
+// Returns true if the samples in `file` are a gzip stream. In the header's own file its content
+// decides; in another one the name must say it, too, as samples may begin with any bytes.
 bool IsNiftiStream(const std::string& header_path, const std::string& file);
 // "s", "ms", "us", or "" for other units, which are no times.
 const char* NiftiTimeUnit(std::uint8_t units);

@@ -38,9 +38,10 @@ struct NrrdAxisLists {
 // INVALID_ARGUMENT: a size below 1; a list of another length.
 absl::StatusOr<NrrdAxisLists> ReadNrrdLists(const HeaderFields& fields, const std::string& path);
 
-// Whether an axis of that kind may be one of space: "domain", "space", or none that is known.
+// Returns true if an axis of that kind may be one of space: "domain", "space", or none that is
+// known.
 bool IsNrrdKindOfSpace(absl::string_view kind);
-// Whether an axis is one of space, by its direction, else by its kind.
+// Returns true if an axis is one of space, by its direction, else by its kind.
 bool IsNrrdAxisOfSpace(const NrrdAxisLists& lists, std::size_t axis);
 // The number of a list, NaN if there is no such list or it is none.
 double NrrdNumber(const std::vector<std::string>& list, std::size_t axis);

@@ -21,10 +21,10 @@ absl::StatusOr<SampleLocation> LocateSamples(FileFormat format, const std::strin
 absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path);
 absl::StatusOr<SampleLocation> LocateMetaImageSamples(const std::string& path);
 
-// Whether a name ends as those of NRRD (.nrrd .nhdr), or of MetaImage (.mha .mhd).
+// Returns true if a name ends as those of NRRD (.nrrd .nhdr), or of MetaImage (.mha .mhd).
 bool HasNrrdName(const std::string& path);
 bool HasMetaImageName(const std::string& path);
-// Whether the first bytes of a file are of one.
+// Returns true if the first bytes of a file are of one.
 bool IsNrrdHeader(absl::string_view head);
 bool IsMetaImageHeader(absl::string_view head);
 

@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// Whether a file begins as classic netCDF, which MINC 1 is.
+// Returns true if a file begins as classic netCDF, which MINC 1 is.
 bool IsMinc1(absl::string_view head);
 
 // Opens a MINC 1 file as one field of that name, its time axis as steps. The library runs in a

@@ -215,7 +215,8 @@ absl::Status TakeCoordinates(int group, int variable, CfAxis* axis) {
   return ReadCoordinates(group, variable, axis);
 }
 
-// Whether coordinates that a variable names are those of an axis, by what both say they mean.
+// Returns true if coordinates that a variable names are those of an axis, by what both say they
+// mean.
 bool AreCoordinatesOf(const CfAxis& axis, const CfAxis& coordinates) {
   const char own = CfLetterOf(axis);
   const char other = CfLetterOf(coordinates);

@@ -32,7 +32,7 @@ struct NetcdfPacking {
   std::optional<double> valid_min = std::nullopt;
   std::optional<double> valid_max = std::nullopt;
 
-  // Whether samples are the stored values.
+  // Returns true if samples are the stored values.
   [[nodiscard]] bool is_plain() const {
     return slope == 1 && intercept == 0 && missing.empty() && !valid_min.has_value() &&
            !valid_max.has_value();

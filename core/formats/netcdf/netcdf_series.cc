@@ -42,8 +42,8 @@ bool IsNetcdfNamed(const NetcdfVariable& variable, const std::string& part) {
   return variable.name == part || absl::StartsWith(part, absl::StrCat(variable.name, ":"));
 }
 
-// Whether both lie on one grid, in the same order, with the same steps. The attribute "coordinates"
-// may give one dimension other coordinates, under another name, in another variable.
+// Returns true if both lie on one grid, in the same order, with the same steps. The attribute
+// "coordinates" may give one dimension other coordinates, under another name, in another variable.
 bool AreOnOneGrid(const NetcdfVariable& a, const NetcdfVariable& b) {
   const auto are_alike = [&](std::size_t i, std::size_t k) {
     return a.dimensions[i] == b.dimensions[k] && a.axes[i].name == b.axes[k].name &&

@@ -27,8 +27,8 @@ struct VtiChoice {
 absl::StatusOr<VtiChoice> ChooseVtiArray(const VtiHeader& header, const std::string& part,
                                          const std::string& path);
 
-// Whether an array may be the default: one component, of a type that volumes have. VTK marks ghost
-// points and cells in an array of its own, which may not.
+// Returns true if an array may be the default: one component, of a type that volumes have. VTK
+// marks ghost points and cells in an array of its own, which may not.
 bool IsDefaultVtiArray(const VtiArray& array);
 
 // INVALID_ARGUMENT: a type that no volume has.
