@@ -17,7 +17,7 @@
 
 namespace isoscope::source {
 
-// Whether the header begins with that number in big-endian order.
+// Returns true if the header begins with that number in big-endian order.
 inline bool BeginsBigEndian(absl::string_view bytes, std::uint32_t number) {
   std::uint32_t first = 0;
   for (std::size_t i = 0; i < sizeof(first) && i < bytes.size(); ++i) {

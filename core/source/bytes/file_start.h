@@ -19,7 +19,7 @@ struct FileStart {
 // InflateReader; CANCELLED if the process was interrupted.
 absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size);
 
-// Whether a file is a gzip stream, whatever its name says. False for what can't be read.
+// Returns true if a file is a gzip stream, whatever its name says. False for what can't be read.
 bool IsGzipFile(const std::string& path);
 
 }  // namespace isoscope::source

@@ -230,8 +230,8 @@ std::size_t PlaceOfStacks(const std::vector<SplitName>& names) {
   return best;
 }
 
-// Whether numbers of the names read as decimals that ascend: z0.5, z1.0, z1.5. They may also be the
-// numbers of two things, of channel 1 and slice 5.
+// Returns true if numbers of the names read as decimals that ascend: z0.5, z1.0, z1.5. They may
+// also be the numbers of two things, of channel 1 and slice 5.
 bool AreDecimals(const std::vector<SplitName>& names) {
   std::size_t place = 0;
   const std::string& text = names.front().text;

@@ -22,14 +22,15 @@
 namespace isoscope::source {
 namespace {
 
-// Whether the name of an axis says that its coordinates are depths: counted down, unless negative.
+// Returns true if the name of an axis says that its coordinates are depths: counted down, unless
+// negative.
 bool IsCfDepth(const CfAxis& axis) {
   return absl::StartsWith(absl::AsciiStrToLower(axis.name), "depth") && !axis.values.empty() &&
          (axis.units.empty() || MetresOfCfUnit(axis.units) != 0) &&
          *std::min_element(axis.values.begin(), axis.values.end()) >= 0;
 }
 
-// Whether a larger coordinate is lower in the world.
+// Returns true if a larger coordinate is lower in the world.
 absl::StatusOr<bool> IsCfDown(const CfAxis& axis, char letter) {
   if (letter != 'Z') {
     return false;

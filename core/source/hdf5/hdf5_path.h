@@ -25,8 +25,8 @@ const std::vector<std::string>& MincEndings();
 // not the name of a format that is written as HDF5, too: netCDF and MINC.
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
 
-// Whether a regular file has the signature of HDF5 at byte 0, 512, 1024, 2048, ..., as the format
-// allows. Opens no other kind of file, such as a named pipe. False for what can't be read.
+// Returns true if a regular file has the signature of HDF5 at byte 0, 512, 1024, 2048, ..., as the
+// format allows. Opens no other kind of file, such as a named pipe. False for what can't be read.
 bool IsHdf5File(const std::string& path);
 
 }  // namespace isoscope::source
