@@ -200,7 +200,8 @@ class AccessControl {
   // Returns the caller if it has any rights. UNAUTHENTICATED: it has no credential, or an unknown
   // one. PERMISSION_DENIED: its certificate has another role.
   absl::StatusOr<Caller> Identify(const rpc::Peer& peer) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Whether the caller may know the limits and the version of the service; errors as Identify.
+  // Checks that the caller may know the limits and the version of the service; errors as
+  // Identify.
   absl::Status CheckCapabilities(const rpc::Peer& peer);
   // For streams that are open for long: UNAUTHENTICATED once the token is gone from the file, or
   // has changed there.

@@ -33,7 +33,7 @@ constexpr std::size_t kMaxListed = 12;
 
 std::string NumberText(double value) { return absl::StrFormat("%.9g", value); }
 
-// Whether a sample of this type can have the value.
+// Returns true if a sample of this type can have the value.
 bool IsValueOf(volume::ScalarType type, double value) {
   return volume::VisitScalarType(type, [&]<typename T>() {
     const volume::Threshold<T> next = volume::InsideThreshold<T>(value);

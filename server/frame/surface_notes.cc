@@ -161,8 +161,8 @@ class NoteSearch {
     return absl::OkStatus();
   }
 
-  // Whether a surface that shows alone, opaque, is invisible by its own opacity. Others may hide it
-  // instead, unless there are none.
+  // Returns true if a surface that shows alone, opaque, is invisible by its own opacity. Others may
+  // hide it instead, unless there are none.
   [[nodiscard]] bool IsTransparent(const frame::Surface& surface) const {
     if (!surface.color_by.has_value()) {
       return false;
