@@ -55,7 +55,7 @@ const Format* FormatOfHead(const std::string& path, absl::Span<const Format> for
   return nullptr;
 }
 
-// By its ending, with or without a part, or as the row finds it.
+// Finds a file of the format by its ending, with or without a part, or as the row finds it.
 absl::StatusOr<std::optional<FileRequest>> FindOfFormat(const Format& format,
                                                         const std::string& path) {
   if (format.find != nullptr) {

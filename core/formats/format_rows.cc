@@ -134,7 +134,7 @@ Series OpenHdf5(const FileRequest& request) {
 
 // The dataset, or all meshes: the files of a pattern, and all that they link to.
 Files FilesOfHdf5(const FileRequest& request) {
-  // With axes any dataset of so many may be the one.
+  // With axes, any dataset with that number of axes may be the one.
   if (request.files.size() == 1 && request.axes.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes,
                               OpenMeshesOrVariables(request));

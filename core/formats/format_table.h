@@ -37,7 +37,7 @@ struct Format {
   absl::string_view name;              // "MRC"
   std::vector<std::string> endings{};  // in lower case: ".mrc", or HasEnding; a part may be behind
   std::string more_names{};            // what else a path may be, for people
-  // By --format; else the name must say it, because a path can name a part of the file.
+  // --format may name it. Otherwise the path must tell the format, because it can name a part.
   bool is_forceable = true;
 
   bool has_field_names = false;   // else the only field has the name of the file
@@ -46,8 +46,8 @@ struct Format {
   bool shows_pictures = false;    // its files are pictures, which other programs show
   bool opens_parts = false;       // `open` takes the part; else it is one of the fields opened
 
-  // How its files are known beside their endings; null: not so. First by a name that tells more
-  // than an ending; errors stop the search.
+  // These recognise its files beside their endings; null: not so. First, a name that tells more
+  // than an ending. Its errors stop the search.
   absl::StatusOr<std::optional<FileRequest>> (*find)(const std::string& path) = nullptr;
   // Files of other formats have such names, too: theirs are those whose content is.
   bool shares_names = false;

@@ -117,7 +117,7 @@ bool IsOf(const RefusedFormat& format, const std::string& path) {
          std::any_of(format.in_folder.begin(), format.in_folder.end(), in_folder);
 }
 
-// How the bytes begin, for people: as text, or in hexadecimal.
+// Describes the first bytes for people: as text, or in hexadecimal.
 std::string DescribeBytes(absl::string_view head) {
   const auto is_text = [](char c) {
     return !absl::ascii_iscntrl(static_cast<unsigned char>(c)) ||

@@ -292,7 +292,7 @@ absl::StatusOr<std::vector<Label>> NiftiLabels(const std::string& path, bool is_
   }
   const BinaryHeader file(start.bytes,
                           BeginsBigEndian(start.bytes, static_cast<std::uint32_t>(header_bytes)));
-  // In front of the samples, if they are in this file.
+  // The extensions end in front of the samples, if these are in this file.
   const bool is_pair = file.bytes().substr(is_second ? 4 : 344, 3) == (is_second ? "ni2" : "ni1");
   const double offset = is_second ? static_cast<double>(file.Load<std::int64_t>(168))
                                   : static_cast<double>(file.Load<float>(108));

@@ -58,7 +58,7 @@ struct DicomFrameRecord {
   DicomNumbers<1> slope{};          // (0028,1053)
   DicomNumbers<1> intercept{};      // (0028,1052)
   double offset = 0;                // of a dose grid, if DicomAnswer::offsets are given
-  // By DicomAnswer::dimensions; all zeros if the frame does not have as many.
+  // One index for each of DicomAnswer::dimensions; all are 0 if the frame does not have as many.
   std::array<std::uint32_t, kMaxDicomDimensions> indices{};
   MaybeDicomNumber temporal_position{};
   MaybeDicomNumber echo_time{};
@@ -81,7 +81,7 @@ inline constexpr std::size_t kDicomSegmentsBytes = kMaxDicomSegments * sizeof(Di
 inline constexpr std::size_t kDicomListBytes =
     kDicomFramesBytes > kDicomSegmentsBytes ? kDicomFramesBytes : kDicomSegmentsBytes;
 
-// As the type of a segmentation says (0062,0001).
+// The type of a segmentation (0062,0001).
 enum class DicomSegmentKind : std::uint32_t { kUnknown, kBinary, kFractional, kLabelMap };
 
 // (0028,0004)

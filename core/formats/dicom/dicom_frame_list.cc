@@ -247,7 +247,7 @@ class FrameVectors {
   }
 
   [[nodiscard]] const DicomTags& dimensions() const { return dimensions_; }
-  // From 1 on, in a file that keeps to the standard.
+  // Detectors count from 1 on, in a file that keeps to the standard.
   [[nodiscard]] std::size_t DetectorOf(std::size_t frame) const { return detectors_[frame]; }
   void FillIndices(std::size_t index, DicomFrameRecord* frame) const {
     for (std::size_t i = 0; i < vectors_.size(); ++i) {

@@ -160,7 +160,7 @@ absl::StatusOr<DicomNumbers<2>> FallbackSpacing(const DicomFrames& file,
   return DicomNumbers<2>{};
 }
 
-// How far frame i lies from the first plane, along the normal.
+// Returns the distance of each frame from the first plane, along the normal.
 absl::StatusOr<std::vector<double>> OffsetsOfDose(const DicomFrames& file, const DicomPlane& first,
                                                   const std::string& path) {
   if (file.offsets != DicomGiven::kGiven) {
@@ -198,7 +198,7 @@ absl::StatusOr<std::vector<double>> OffsetsOfDose(const DicomFrames& file, const
   return offsets;
 }
 
-// Which of the dimensions that is; as many as there are if none.
+// Returns the index of the dimension with this tag; the number of dimensions if there is none.
 std::size_t DimensionOf(const DicomFrames& file, std::uint32_t tag) {
   return static_cast<std::size_t>(absl::c_find(file.dimensions, tag) - file.dimensions.begin());
 }
@@ -258,7 +258,7 @@ absl::Status CheckStacks(const DicomFrames& file, const std::vector<DicomPlane>&
   constexpr std::uint32_t kInStack = 0x00209057;
   const std::size_t stack = DimensionOf(file, kStack);
   const std::size_t in_stack = DimensionOf(file, kInStack);
-  // By stack, then by the number in it.
+  // The frames, by stack and then by the number in it.
   std::map<std::uint32_t, std::map<std::uint32_t, std::size_t>> frames;
   for (std::size_t i = 0; i < file.frames.size(); ++i) {
     const std::vector<std::uint32_t>& indices = file.frames[i].indices;

@@ -63,7 +63,8 @@ struct PlaneFrame {
   std::size_t frame = 0;
   std::int64_t segment = 0;
 };
-// By plane; those without a frame are not there, so that many layers of many planes are small.
+// The frames of a layer, by plane. Planes without a frame are absent, so that many layers of many
+// planes are small.
 using LayerFrames = std::map<std::int64_t, std::vector<PlaneFrame>>;
 
 template <typename T>
@@ -254,7 +255,8 @@ absl::StatusOr<std::vector<DicomSlice>> SlicesOf(const Segmentation& segmentatio
   return slices;
 }
 
-// The distance of planes that the file names; 0: none. Without a meaning if it is negative.
+// Returns the distance of planes that the file names; 0 if it names none. INVALID_ARGUMENT: it is
+// negative, or no number.
 absl::StatusOr<double> NamedDistance(const Segmentation& segmentation) {
   const DicomNumbers<1>& spacing = segmentation.frame(0).slice_spacing;
   if (spacing.given == DicomGiven::kBroken || spacing.value() < 0) {

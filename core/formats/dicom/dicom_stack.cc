@@ -79,7 +79,7 @@ absl::Status CheckAlike(const DicomSlice& slice, const DicomSlice& first) {
 struct SliceLine {
   math::Vec3d direction{};  // of length 1
   double length = 0;        // from the first to the last one
-  // Along the line, from the first one on; none if they are even (within 1 %).
+  // The places of the slices along the line, from the first one on; none if they are even.
   std::vector<double> distances{};
 };
 
@@ -117,8 +117,8 @@ constexpr double kMostDrift = 0.1;
 // A slice at less than this, in distances, behind another one is the same again.
 constexpr double kDouble = 1e-3;
 
-// Why slices at these gaps are no even stack: the gap that differs most from the usual one, unless
-// all differ by little (`adds_up`).
+// Tells why slices at these gaps are no even stack. It names the gap that differs most from the
+// usual one. `adds_up`: all differ by little, but their sum is too large.
 absl::Status UnevenError(const std::vector<DicomSlice>& slices, const std::vector<double>& gaps,
                          double usual, bool adds_up) {
   const auto worst =

@@ -16,7 +16,7 @@ namespace isoscope::source {
 
 struct SliceStack {
   volume::GridGeometry geometry{};
-  // Where slices lie along the third axis, from the first one on; none if they are even.
+  // The places of the slices along the third axis, from the first one on; none if they are even.
   std::vector<double> distances{};
 };
 

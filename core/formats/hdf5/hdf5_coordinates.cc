@@ -216,8 +216,8 @@ absl::StatusOr<Hdf5Layout> LayoutAsGiven(const std::vector<CfAxis>& axes,
   return *layout;
 }
 
-// By axis of space, slowest first: "element_size_um"; none without it, or if it makes no sense and
-// the rules have other distances.
+// Returns "element_size_um", one number for each axis of space, slowest first. None without it, or
+// if it makes no sense and the rules have other distances.
 absl::StatusOr<std::vector<double>> ElementSizes(hid_t dataset, const GridRules& rules) {
   constexpr char kName[] = "element_size_um";
   if (H5Aexists(dataset, kName) <= 0) {

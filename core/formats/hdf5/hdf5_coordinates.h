@@ -25,7 +25,7 @@ namespace isoscope::source {
 // of several axes (names them); values that NeXus scales.
 absl::StatusOr<std::vector<CfAxis>> Hdf5AxesOf(const NamedHdf5Dataset& named);
 
-// Which axis is what.
+// The meaning of each axis.
 struct Hdf5Layout {
   AxisOrder order;  // for reading: z is the slowest axis of space, x the fastest
   CfRoles roles;    // for positions: along which axis of the world each of them runs

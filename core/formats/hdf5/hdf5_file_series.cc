@@ -86,7 +86,7 @@ std::optional<IterationPattern> ParseIterationPattern(const std::string& file) {
   return std::nullopt;
 }
 
-// For FilesNamed: each character stands for itself.
+// Returns a pattern for FilesNamed in which each character stands for itself.
 std::string LiteralPattern(absl::string_view text) {
   std::string escaped;
   for (const char c : text) {

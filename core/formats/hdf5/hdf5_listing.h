@@ -33,7 +33,7 @@ std::vector<Hdf5Entry> ListHdf5Entries(hid_t file);
 bool IsHdf5Volume(const Hdf5Entry& entry, std::size_t axes = 0);
 
 // "/a (10 x 11 x 12 uint16, gzip), /u (5 x 10 x 11 x 12 float32)": those that are volumes, 50 at
-// most; without any, what there is instead. To follow "it holds ".
+// most; without any, what there is instead. The text is to follow "it holds ".
 std::string DescribeHdf5Entries(const std::vector<Hdf5Entry>& entries);
 
 }  // namespace isoscope::source

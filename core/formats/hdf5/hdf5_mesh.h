@@ -32,7 +32,7 @@ struct Hdf5MeshVolume {
 struct Hdf5MeshField {
   SourceField field;
   volume::GridGeometry geometry;
-  // By step and component, the component faster.
+  // The volumes by step and component, the component faster.
   std::vector<Hdf5MeshVolume> volumes{};
   bool is_filled_up = false;  // datasets may have more samples behind those of the grid
 };

@@ -139,7 +139,7 @@ std::string ImarisDataPath(std::int64_t step, std::int64_t channel) {
   return absl::StrFormat("/DataSet/ResolutionLevel 0/TimePoint %d/Channel %d/Data", step, channel);
 }
 
-// How many of such links there are: "TimePoint 0", "TimePoint 1", ...
+// Counts the links "TimePoint 0", "TimePoint 1", ...
 std::int64_t CountLinks(hid_t group, const std::string& stem, std::int64_t most) {
   std::int64_t count = 0;
   while (group >= 0 && count <= most &&

@@ -144,8 +144,8 @@ absl::StatusOr<std::vector<double>> OpenPmdNumbers(hid_t object, const char* att
   return numbers;
 }
 
-// Where the samples of a component of a record lie. INVALID_ARGUMENT, without the record's name:
-// that is no grid in space, or the file does not say it.
+// Returns the grid of a component of a record. INVALID_ARGUMENT, without the record's name: it is
+// no grid in space, or the file does not tell it.
 absl::StatusOr<volume::GridGeometry> OpenPmdGrid(hid_t record, hid_t component,
                                                  const std::vector<std::int64_t>& dims) {
   const std::string kind = Hdf5Text(record, {"geometry"});

@@ -161,7 +161,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVdbPart(const std::string& pat
 
 // ---- The parent. --------------------------------------------------------------------------------
 
-// For the library and its threads, the mapped file, and the nodes and masks of its tree.
+// Returns the bytes of the library and its threads, the mapped file, and the nodes and masks of its
+// tree.
 std::int64_t VdbMemoryBytes(const std::string& path) {
   constexpr std::uintmax_t kMostBytes = std::uintmax_t{1} << 50;
   std::error_code error;

@@ -33,7 +33,7 @@ struct AnalyzeType {
   std::int16_t code;
   volume::ScalarType type;
 };
-// From 130 on: SPM's.
+// The codes from 130 on are SPM's.
 constexpr std::array<AnalyzeType, 8> kAnalyzeTypes{{{2, volume::ScalarType::kUint8},
                                                     {4, volume::ScalarType::kInt16},
                                                     {8, volume::ScalarType::kInt32},

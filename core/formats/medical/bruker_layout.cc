@@ -124,7 +124,7 @@ absl::StatusOr<volume::ScalarType> BrukerType(const JcampParameters& header) {
                                    "\"; expected an integer of 8 to 32 bits or a float"));
 }
 
-// Which frames are what.
+// The order of the frames of a file.
 struct FrameOrder {
   std::int64_t slices = 1;
   std::int64_t fields = 1;

@@ -33,7 +33,7 @@ class JcampParameters {
   // `name` is without "##$".
   void Set(absl::string_view name, absl::string_view text);
 
-  // Without the sizes of an array in front; "" if it is absent.
+  // Returns the text without the sizes of an array in front; "" if it is absent.
   [[nodiscard]] absl::string_view Text(const std::string& name) const;
   // An integer from 1 to `most`.
   [[nodiscard]] absl::StatusOr<std::int64_t> Count(const std::string& name,

@@ -97,7 +97,7 @@ absl::StatusOr<MetaHeader> ReadMetaHeader(const std::string& path) {
                           value.substr(0, 200), absl::string_view(known).substr(0, 200)));
     }
     header.fields.Set(name, value);
-    // After each line, because MetaIO does not wait for a later line either.
+    // The check follows each line, because MetaIO does not wait for a later line either.
     ISOSCOPE_RETURN_IF_ERROR(CheckAxes(header.fields, path));
   }
   if (header.data_file().empty()) {

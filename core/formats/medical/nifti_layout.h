@@ -22,7 +22,7 @@ namespace isoscope::source {
 absl::Status SetNiftiScale(double slope, double intercept, const char* format,
                            const std::string& path, SampleLocation* location);
 
-// For both versions of NIfTI. INVALID_ARGUMENT: a type that no volume has.
+// Returns the type of a code of either version of NIfTI. INVALID_ARGUMENT: no volume has it.
 absl::StatusOr<volume::ScalarType> NiftiSampleType(std::int16_t code, const std::string& path);
 // "a.img" or "a.img.gz" beside "a.hdr" or "a.hdr.gz", also of Analyze. NOT_FOUND if neither exists.
 absl::StatusOr<std::vector<std::string>> NiftiImageOfPair(const std::string& header_path);

@@ -57,7 +57,7 @@ constexpr std::array<NrrdSpace, 5> kNrrdSpaces{
      {"scannerxyz", "scannerxyz", {1, 1, 1}, false},
      {"3drighthanded", "3drighthanded", {1, 1, 1}, false}}};
 
-// How the world of a header lies in ours.
+// The place of a header's world in ours.
 struct NrrdWorld {
   math::Vec3d turn{1, 1, 1};
   bool is_of_patient = false;
@@ -120,8 +120,8 @@ absl::StatusOr<math::Vec3d> ParseNrrdVector(absl::string_view text, const char* 
                      numbers[2] * world.turn.z};
 }
 
-// How far samples lie apart along an axis without a direction, and where the first one lies. NaN:
-// not known.
+// The distance of samples along an axis without a direction, and the position of the first one.
+// NaN: not known.
 struct NrrdAxis {
   double step = std::numeric_limits<double>::quiet_NaN();
   double first = std::numeric_limits<double>::quiet_NaN();

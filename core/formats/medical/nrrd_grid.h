@@ -50,7 +50,7 @@ struct NrrdGrid {
   volume::GridGeometry geometry{};  // in LPS where the space says how it lies in the patient
   std::optional<volume::PatientFrame> patient_frame{};
   std::string length_unit{};  // of all three axes; may be empty
-  // In a space with time: that of the origin, and its unit.
+  // The time of the origin and its unit, in a space with time.
   double first_time = 0;
   std::string time_unit{};
   GridFaults faults{};  // as in FileLayout

@@ -134,7 +134,7 @@ absl::Status SetMinc1Type(Minc1File* minc) {
   return absl::OkStatus();
 }
 
-// With the name of the file in front.
+// Puts the name of the file in front of an error.
 absl::Status NamedMinc1(const Minc1File& minc, const absl::Status& status) {
   return status.ok() ? status : Minc1Error(minc, std::string(status.message()));
 }
@@ -245,7 +245,7 @@ std::array<double, 2> Minc1ValidRange(const Minc1File& minc) {
           minc.file->Numbers(minc.image, i == 0 ? "valid_min" : "valid_max");
       double& limit = valid.at(i);
       limit = range.size() == 2 ? range[i] : !one.empty() ? one[0] : limit;
-      // As the signed type of netCDF has it.
+      // netCDF stores it in its signed type.
       if (std::is_unsigned_v<T> && limit < 0) {
         limit += std::ldexp(1.0, std::numeric_limits<T>::digits);
       }

@@ -12,7 +12,8 @@
 
 namespace isoscope::source {
 
-// By axis x, y and z: what turns its lengths to millimetres; 1 for an axis that is not there.
+// Returns the factor that turns the lengths of each axis, x, y and z, to millimetres; 1 for an axis
+// that is not there.
 // INVALID_ARGUMENT: as CheckMincAxis; an attribute that is no number; units that are none of
 // length; a valid_range, image-min or image-max of integers that is not finite. Otherwise as
 // OpenHdf5File. A file that is not laid out as MINC 2 is left to the libraries.

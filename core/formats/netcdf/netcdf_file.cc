@@ -259,7 +259,7 @@ absl::StatusOr<PackingNumbers> ReadPacking(const NetcdfVariable& variable, const
       count == 1 ? "one number" : "two numbers, the least valid one and the largest"));
 }
 
-// In the order of the values that a type holds; floats are wider than all integers.
+// Ranks types by the values that they hold; floats are wider than all integers.
 int WidthOf(nc_type type) {
   switch (type) {
     case NC_BYTE:
@@ -373,7 +373,7 @@ std::optional<double> DefaultFillOf(nc_type type) {
   }
 }
 
-// As they are stored.
+// Returns the values that stand for no sample, as they are stored.
 std::vector<double> MissingValues(const NetcdfVariable& variable, double unsigned_range) {
   std::vector<double> missing = NetcdfNumbers(variable.group, variable.id, "_FillValue");
   nc_type stored = NC_NAT;

@@ -44,8 +44,8 @@ struct NetcdfVariable {
   int id = 0;
   std::string name;  // "group/u" within a group
   std::vector<int> dimensions{};
-  // By dimension. Without a coordinate variable: by the attribute "coordinates", which names
-  // variables along one dimension; along several, they are the fault of the axis.
+  // The axis of each dimension. Without a coordinate variable the attribute "coordinates" decides,
+  // which names variables along one dimension. Those along several are the fault of the axis.
   std::vector<CfAxis> axes{};
   CfRoles roles{};
   volume::ScalarType stored{};

@@ -131,7 +131,7 @@ absl::StatusOr<CfRoles> NetcdfRolesOf(const NetcdfVariable& array, const std::st
   return roles.has_value() ? absl::StatusOr<CfRoles>(*roles) : absl::NotFoundError("");
 }
 
-// Why an array is no volume, with the command that says what its axes are.
+// Tells why an array is no volume, with a command that gives the meaning of its axes.
 absl::Status NoNetcdfVolume(const NetcdfVariable& array, const std::string& path) {
   const std::string letters = SuggestCfAxes(array.axes);
   PartPath parts;

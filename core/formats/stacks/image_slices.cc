@@ -84,7 +84,7 @@ class ImageSliceReader final : public SliceReader {
 
 constexpr char kAsNeighbours[] = "neighbours";
 
-// In the child. `part`: kAsNeighbours, or "".
+// Runs in the child. `part`: kAsNeighbours, or "".
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSlices(const std::string& path,
                                                          const std::string& part) {
   std::vector<std::string> files = ImageSlicesNamed(path);

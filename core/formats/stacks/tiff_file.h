@@ -62,7 +62,7 @@ absl::Status ReadTiffPlane(TIFF* tiff, const PageFormat& format, std::uint16_t p
 
 // The description in the head of a stack, and the offsets of its pages.
 struct TiffPages {
-  // For TIFFSetSubDirectory; reduced pages, which are thumbnails, are left out.
+  // The offsets are for TIFFSetSubDirectory. Reduced pages, which are thumbnails, are left out.
   std::vector<std::uint64_t> offsets;
   std::string description;  // of the first page
   // Pixels in a unit of length along x and y, and the unit as TIFF numbers it; 0 if there is none.

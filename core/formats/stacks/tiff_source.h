@@ -20,7 +20,7 @@ bool NaturalLess(const std::string& a, const std::string& b);
 
 // Opens one file of several pages, or several files of one page each in the order given. Planes are
 // greyscale integers of 8 to 32 bits or floats of 32 or 64 bits; strips or tiles, any compression
-// that libtiff knows, BigTIFF too. By libtiff itself: ITK reads all pages at once.
+// that libtiff knows, BigTIFF too. libtiff reads them page by page.
 //
 // OME-XML, ImageJ's description or LSM's tag say what the planes are: channels are fields, frames
 // are steps, and sizes of pixels the spacing. Else all pages are slices, and the spacing is

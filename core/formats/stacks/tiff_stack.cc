@@ -278,7 +278,8 @@ absl::Status LayOut(const std::vector<std::string>& files, const std::string& ax
 }  // namespace
 
 void TurnPages(std::uint16_t orientation, volume::GridGeometry* geometry) {
-  // Where columns (index x) and rows (index y) run: 1 and -1 along the world's x, 2 and -2 along y.
+  // The directions of columns (index x) and rows (index y): 1 and -1 are along the world's x, 2 and
+  // -2 along its y.
   struct Turn {
     int columns;
     int rows;

@@ -29,7 +29,7 @@ class LegacyWords {
 
   // As TextScanner.
   absl::StatusOr<absl::string_view> NextLine() { return scanner_.NextLine(); }
-  // In upper case; "" at the end of the file.
+  // Returns the keyword in upper case; "" at the end of the file.
   absl::StatusOr<std::string> NextKeyword();
   // A word of 1 to 1024 bytes.
   absl::StatusOr<std::string> NextText();

@@ -83,7 +83,8 @@ class PvdSeries final : public VolumeSeries {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t array, FindArray(arrays_[wanted], step));
     return image_->Open(array, component);
   }
-  // Without the collection, which grows while a simulation runs: it tells the time and the file.
+  // Leaves the collection out. It only tells the time and the file, and grows while a simulation
+  // runs.
   absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
                               FilesOfPvdStep(steps_[static_cast<std::size_t>(step)]));
@@ -91,7 +92,7 @@ class PvdSeries final : public VolumeSeries {
   }
 
  private:
-  // In the open image, which must be like that of the first step.
+  // Finds the array in the open image, which must be like that of the first step.
   absl::StatusOr<std::size_t> FindArray(const VtiArray& like, int step) const {
     const std::string place =
         absl::StrFormat("%s: field \"%s\" at step %d (time %g)", image_->path(), like.name, step,
