@@ -25,7 +25,7 @@ constexpr absl::Duration kTick = absl::Milliseconds(20);
 // Times without nanoseconds are those of a file system that keeps none.
 constexpr absl::Duration kCoarseTick = absl::Seconds(2);
 
-// How long it takes until the clock of the file's disk has surely moved on since its last change.
+// Returns the time until the clock of the file's disk has surely moved on since its last change.
 absl::Duration TimeToNextTick(const io::FileStamp& stamp, absl::Time now) {
   const bool is_coarse = stamp.changed.nanoseconds == 0 && stamp.modified.nanoseconds == 0;
   const absl::Duration tick = is_coarse ? kCoarseTick : kTick;

@@ -20,7 +20,7 @@ absl::StatusOr<std::string> ResolvedPath(const std::string& path);
 //
 // Clocks of file systems stand still for some milliseconds, those of a FAT disk for two seconds.
 // A second change in this time would not show. So if a file has changed that recently, the call
-// waits until its clock goes on: whatever changes later shows. At most once, 20 ms (FAT: 2 s).
+// waits until its clock goes on: later changes show. It waits once, 20 ms at most (FAT: 2 s).
 // Pages that a program has mapped and written lately are written back, so that the next write to
 // them shows. Only tmpfs never tells of such a write.
 // NOT_FOUND, PERMISSION_DENIED.

@@ -98,7 +98,7 @@ class AdjustedSource final : public VolumeSource {
     while (begin_row < end_row) {
       const std::int64_t z = begin_row / plane_rows;
       const std::int64_t y = begin_row % plane_rows;
-      // As many rows of this plane as a run holds, with those between them.
+      // The rows of this plane that a run holds, with those between them.
       const std::int64_t rows = std::min(
           {end_row - begin_row, plane_rows - y, (RunRows(source_->info()) - 1) / stride_ + 1});
       const std::int64_t first =

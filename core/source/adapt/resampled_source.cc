@@ -50,7 +50,7 @@ volume::ScalarType ResampledType(volume::ScalarType type) {
   }
 }
 
-// By sample of the result. An even axis has each sample of the source.
+// Returns the place of each sample of the result. An even axis has each sample of the source.
 std::vector<Between> PlacesOf(const std::vector<double>& distances, const EvenSamples& even) {
   std::vector<Between> places(static_cast<std::size_t>(even.count));
   std::size_t lower = 0;

@@ -58,7 +58,7 @@ class WideSource final : public VolumeSource {
     const auto count =
         static_cast<std::size_t>((end_row - begin_row) * info().geometry.sample_dims.x);
     if (type_ == WideType::kFloat16) {
-      // In the tail of `out`: no sample is written over before it was read.
+      // They lie in the tail of `out`, so no sample is written over before it was read.
       char* const halves = out + count * (sizeof(float) - sizeof(std::uint16_t));
       ISOSCOPE_RETURN_IF_ERROR(stored_->ReadRows(begin_row, end_row, halves));
       for (std::size_t i = 0; i < count; ++i) {

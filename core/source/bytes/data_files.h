@@ -30,9 +30,10 @@ struct NumberedName {
 std::optional<NumberedName> ParseNumberedName(absl::string_view text);
 
 // All three return paths as they are opened: a relative name lies in the header's folder, and may
-// lead out of it, as the formats allow. In the order of the samples. NOT_FOUND: the header and the
-// first file that does not exist. INVALID_ARGUMENT: not as many files as `shares` needs, or more
-// than 100 000 (before any name is made); a step that never gets from `first` to `last`.
+// lead out of it, as the formats allow. They have the order of the samples. NOT_FOUND names the
+// header and the first file that does not exist. INVALID_ARGUMENT: not as many files as `shares`
+// needs, or more than 100 000 (before any name is made); a step that never gets from `first` to
+// `last`.
 absl::StatusOr<std::vector<std::string>> SingleFile(const std::string& header_path,
                                                     absl::string_view name);
 absl::StatusOr<std::vector<std::string>> ListedFiles(const std::string& header_path,

@@ -48,7 +48,7 @@ struct FileLayout {
   std::string time_unit{};
   std::string length_unit{};
   std::string sample_unit{};
-  // By volume; empty: as the location says. With any that is not 1 and 0, all are rescaled.
+  // One for each volume; empty: as the location says. If one is not 1 and 0, all are rescaled.
   std::vector<Rescaling> rescalings{};
   // The planes of all volumes, z fastest, in the only file of the location; empty: as the location
   // says. They take the place of `rescalings`, too.

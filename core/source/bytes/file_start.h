@@ -15,7 +15,7 @@ struct FileStart {
   bool is_gzip = false;
 };
 
-// At most `size` bytes; fewer if the file ends before. Errors as OpenRandomAccessFile and
+// Reads `size` bytes; fewer if the file ends before. Errors as OpenRandomAccessFile and
 // InflateReader; CANCELLED if the process was interrupted.
 absl::StatusOr<FileStart> ReadFileStart(const std::string& path, std::size_t size);
 

@@ -21,7 +21,7 @@
 
 namespace isoscope::source {
 
-// Where the samples of a field lie.
+// The location of the samples of a field.
 struct FieldLocation {
   // The component is that of a tuple; the volume of a SampleLocation is the step.
   std::variant<SampleLocation, TextLocation> location;

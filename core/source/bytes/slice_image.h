@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// Along each axis, so that bytes can be counted.
+// The limit along each axis, so that bytes can be counted.
 inline constexpr std::int64_t kMaxSliceSamples = 65536;
 
 struct SliceImage {

@@ -34,10 +34,10 @@ struct WalledFile {
   }
 };
 
-// For the child: texts "key=value", none empty.
+// For the child: returns texts "key=value", none of them empty.
 std::vector<std::string> WalledTexts(const WalledFile& file);
-// For the child: the number of the field, the step and the component of the part by which the
-// series asks for a volume. REQUIRES: such a part.
+// For the child: returns the number of the field, the step and the component of the part by which
+// the series asks for a volume. REQUIRES: such a part.
 std::array<std::int64_t, 3> ParseWalledPart(const std::string& part);
 // For the child: what of the grid the user gives, as has_spacing, by the last word of such a part;
 // and that word.

@@ -40,7 +40,7 @@ std::optional<Shear> FindShear(const math::Mat3d& directions) {
   return worst;
 }
 
-// By halving: it is for people, and libm's acos has other bits on other machines.
+// Halves an interval instead of calling acos, whose bits differ between machines.
 double DegreesOf(const Shear& shear) {
   double low = 0;
   double high = std::numbers::pi;

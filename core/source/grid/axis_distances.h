@@ -8,8 +8,8 @@
 
 namespace isoscope::source {
 
-// By axis: where the samples lie along its direction, in world units from the first one on, which
-// is at 0. Empty: the axis is even, and stays as it is.
+// The places of the samples along each axis, in world units from the first one on, which is at 0.
+// Empty: the axis is even, and stays as it is.
 using AxisDistances = std::array<std::vector<double>, 3>;
 
 }  // namespace isoscope::source

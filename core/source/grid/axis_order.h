@@ -14,7 +14,7 @@
 
 namespace isoscope::source {
 
-// Which axis of an array is which. Other axes have one element.
+// The index of each axis in an array. Other axes have one element.
 struct AxisOrder {
   std::size_t z = 0;
   std::size_t y = 0;

@@ -160,7 +160,7 @@ absl::StatusOr<EvenAxis> MeanAxisOf(const CfAxis& axis) {
   return even;
 }
 
-// From the first coordinate on, in either direction: that of the first step.
+// Returns the distances from the first coordinate, in the direction of the first step.
 absl::StatusOr<std::vector<double>> DistancesOf(const CfAxis& axis) {
   std::vector<double> distances;
   const double sign = axis.values[1] < axis.values[0] ? -1 : 1;

@@ -29,9 +29,9 @@ struct CfAxis {
   std::string units{};
   std::vector<double> values{};  // its coordinates, NaN: missing; none if it has no such variable
   bool is_single = false;        // the coordinates are stored as 32-bit floats
-  // Without coordinates: how far its samples are apart, the first at 0; not set: an index.
+  // The distance of samples of an axis without coordinates, the first at 0; not set: an index.
   std::optional<double> step = std::nullopt;
-  // Without coordinates: a sentence that says why those of the file can't be read; "" if it has
+  // A sentence for an axis without coordinates: why those of the file can't be read; "" if it has
   // none.
   std::string fault{};
 };
@@ -41,7 +41,7 @@ struct CfAxis {
 // units of pressure, the name.
 char CfLetterOf(const CfAxis& axis);
 
-// Which axes of an array, slowest first, are which.
+// The roles of the axes of an array, slowest first.
 struct CfRoles {
   // The axes of space in the order of the array: [0] slowest, [2] fastest; 'X', 'Y' or 'Z' each.
   std::array<std::size_t, 3> space{};

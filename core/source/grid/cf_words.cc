@@ -165,7 +165,7 @@ constexpr std::array<LengthWord, 20> kLengthSymbols{
      {"cm", 1e-2},   {"mm", 1e-3},   {"um", 1e-6},     {"\xc2\xb5m", 1e-6}, {"\xce\xbcm", 1e-6},
      {"nm", 1e-9},   {"pm", 1e-12},  {"Mm", 1e6},      {"Gm", 1e9},         {"ft", 0.3048},
      {"in", 0.0254}, {"yd", 0.9144}, {"mi", 1609.344}, {"nmile", 1852},     {"\xc3\x85", 1e-10}}};
-// Without the s of the plural, in lower case.
+// A unit of length in lower case, without the s of the plural.
 struct LengthStem {
   const char* text;
   double metres;
@@ -192,7 +192,7 @@ constexpr std::array<LengthWord, 8> kLengthPrefixes{{{"", 1},
                                                      {"micro", 1e-6},
                                                      {"nano", 1e-9}}};
 
-// In lower case; those of kCfUnits for longitude and latitude are degrees, too.
+// A unit of angles in lower case. Those of kCfUnits for longitude and latitude are degrees, too.
 struct AngleWord {
   const char* text;
   double degrees;

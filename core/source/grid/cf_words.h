@@ -9,7 +9,7 @@
 
 namespace isoscope::source {
 
-// Where a vertical coordinate grows.
+// The direction in which a vertical coordinate grows.
 enum class CfDirection { kUnknown, kUp, kDown };
 
 // X and Y for units of longitude and latitude, Z for those of pressure, and for level, layer and

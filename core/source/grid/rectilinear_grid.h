@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// By axis x, y, z: where the points lie.
+// The coordinates of the points along x, y and z.
 struct RectilinearAxes {
   std::array<std::vector<double>, 3> points{};
   bool is_single = false;  // stored as 32-bit floats

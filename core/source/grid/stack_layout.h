@@ -33,7 +33,7 @@ struct StackLayout {
   std::vector<double> times{};               // none, or one a step
   std::string time_unit{};
   std::vector<std::string> files{};  // names in the folder of the stack; none: its own files
-  // By step, channel and slice, the slice fastest.
+  // The planes by step, channel and slice, the slice fastest.
   std::vector<StackPlane> planes{};
 
   [[nodiscard]] const StackPlane& PlaneOf(std::int64_t step, std::int64_t channel,

@@ -60,7 +60,7 @@ hid_t FollowLink(const char* /*name*/, hid_t group, const void* value, std::size
   return H5I_INVALID_HID;
 }
 
-// As H5L__extern_query: the value as it is stored.
+// Returns the value as it is stored, as H5L__extern_query does.
 ssize_t ValueOfLink(const char* /*name*/, const void* value, std::size_t size, void* out,
                     std::size_t out_size) {
   if (out != nullptr) {

@@ -18,14 +18,14 @@ namespace isoscope::source {
 // file.
 void FollowLinksToRegularFiles();
 
-// Why the external link `name` of a group leads nowhere. "c.h5: is a pipe (FIFO), expected ...": it
-// names what is there but is no regular file.
+// Tells why the external link `name` of a group leads nowhere.
+// "c.h5: is a pipe (FIFO), expected ...": it names an object that is no regular file.
 // "in FILE, which is missing": it names what is not there.
 // "": it is no external link.
 std::string WhyLinkIsBroken(hid_t group, const std::string& name);
 
 // FAILED_PRECONDITION, with its name: a source of a virtual dataset is there, but is no regular
-// file. To be asked before the extent of a dataset, for which the library may open sources.
+// file. Call it before asking for the extent of a dataset, for which the library may open sources.
 absl::Status CheckHdf5Sources(hid_t dataset);
 
 }  // namespace isoscope::source

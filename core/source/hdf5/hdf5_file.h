@@ -15,7 +15,7 @@ namespace isoscope::source {
 
 // Makes the library ready: it prints no errors, loads filters as PrepareHdf5Filters
 // (hdf5_filters.h) says, and follows links as FollowLinksToRegularFiles (hdf5_external_links.h)
-// does. For whoever opens files by another library that calls HDF5.
+// does. Code that opens files by another library that calls HDF5 needs it.
 void PrepareHdf5();
 
 // Opens a file. NOT_FOUND: no such file. UNAVAILABLE: locked, or marked as open for writing (says
