@@ -290,7 +290,7 @@ void AccessControl::Watch() {
       ReloadIfChanged();
       withdrawn.swap(withdrawn_);
     }
-    // Without the lock: ending a call may ask for its caller, which takes the lock.
+    // The lock is not held: ending a call may ask for its caller, which takes the lock.
     for (const std::shared_ptr<AccessGrant>& grant : withdrawn) {
       grant->EndUsers();
     }

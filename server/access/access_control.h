@@ -203,8 +203,8 @@ class AccessControl {
   // Checks that the caller may know the limits and the version of the service; errors as
   // Identify.
   absl::Status CheckCapabilities(const rpc::Peer& peer);
-  // For streams that are open for long: UNAUTHENTICATED once the token is gone from the file, or
-  // has changed there.
+  // Checks the caller of a stream that is open for long. UNAUTHENTICATED once its token is gone
+  // from the file, or has changed there.
   absl::Status CheckStillValid(const Caller& caller) ABSL_LOCKS_EXCLUDED(mutex_);
   // Number of reloads that failed because the changed file was wrong.
   [[nodiscard]] std::int64_t failed_reloads() const { return failed_reloads_.value(); }

@@ -27,7 +27,7 @@ namespace isoscope::server {
 
 struct AdmissionOptions {
   AdmissionLimits limits;
-  // For messages: the noun of the admitted work, and the flags that set the limits (empty: none).
+  // Messages have the noun of the admitted work, and the flags that set the limits (empty: none).
   std::string noun = "frame";
   std::string flags = "--max-concurrent-frames, --max-queued-frames";
 };

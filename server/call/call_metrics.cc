@@ -14,7 +14,7 @@ constexpr std::array<const char*, 10> kMethodNames = {
     "Interact",         "ListDatasets",           "GetDataset",  "GetHistogram",
     "GetCapabilities",  "GetClusterStatus"};
 
-// In the order of the enumerators.
+// The names of the reasons, in the order of the enumerators.
 constexpr std::array<const char*, kCutReasonCount> kCutReasonNames = {"too_slow", "too_long",
                                                                       "made_room", "withdrawn"};
 

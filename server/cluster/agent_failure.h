@@ -43,7 +43,7 @@ struct AgentFailure {
   AgentIdentity agent;
   PartStage stage = PartStage::kSelectingOccluders;
   // UNAVAILABLE: the agent or the way to it was lost. DEADLINE_EXCEEDED: it had not answered.
-  // DATA_LOSS: it sent or read damaged bytes. Else its own error. Does not name the agent.
+  // DATA_LOSS: it sent or read damaged bytes. Otherwise its own error. Does not name the agent.
   absl::Status status;
 
   // Returns the status for clients, which names agent and shards.

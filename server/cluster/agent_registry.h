@@ -47,7 +47,7 @@ namespace isoscope::server {
 struct AgentRegistryOptions {
   std::vector<AgentEndpoint> endpoints;  // at least one
   absl::Duration poll_interval = absl::Seconds(2);
-  // How agents are dialled. Agents behind a DNS name must have certificates of that name, unless
+  // The way to dial agents. Agents behind a DNS name must have certificates of that name, unless
   // `dialing` has one name for all.
   rpc::Dialing dialing = {};
   // Checks a target of a list (agent_list). An error refuses the whole list. Null: all are allowed.

@@ -34,7 +34,7 @@ struct DatasetState;
 struct SeriesOwner {
   ServingAgent agent;
   bool is_draining = false;
-  // By key, the dataset id of the agent's volume.
+  // The dataset ids of the agent's volumes, by key.
   std::map<store::ScalarVolumeKey, std::string> volumes;
 };
 
@@ -45,8 +45,8 @@ struct SeriesState {
   std::map<store::ScalarVolumeKey, std::string> offered;
 };
 
-// Finds what is offered. Where agents have different volumes of one key, that of most agents is
-// taken, of two the one with the lesser id, among those that every shard has.
+// Finds the volumes that are offered. If agents have different volumes of one key, it takes that of
+// most agents among those that every shard has. Of two equal ones it takes the lesser id.
 SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 
 // Joins the descriptions of a series by its agents: the ranges and bounds are those of the longest,
@@ -66,7 +66,7 @@ struct FieldVolume {
 // The choice of a request.
 struct SelectedVolume {
   std::shared_ptr<const DatasetState> dataset;  // of the volume
-  // By surface of the frame; "": the surface is not coloured by a field. Empty: none is.
+  // One for each surface of the frame; "": it is not coloured by a field. Empty: none is.
   std::vector<std::string> color_dataset_ids;
   std::optional<isoscope::v1::FieldSelection> selection;  // with all members; not set: no fields
   std::optional<double> time;

@@ -56,7 +56,7 @@ struct FrameEvent {
   std::optional<PartStage> ended_stage = std::nullopt;
 };
 
-// In order of arrival. Thread-safe.
+// Keeps events in order of arrival. Thread-safe.
 class EventQueue {
  public:
   // Agents' threads call it, which can't handle an exception.
@@ -73,7 +73,7 @@ class EventQueue {
       }
       wakes = !was_ready && IsReady();
     }
-    // Without the mutex, which the woken thread needs at once. The queue outlives all pushes.
+    // The mutex is free, because the woken thread needs it at once. The queue outlives all pushes.
     if (wakes) {
       arrived_.Signal();
     }

@@ -155,7 +155,7 @@ void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& stat
     state_.frame_metrics.CountSteps(cost);
   }
   on_board_.reset();
-  // Before the client gets its answer, so that its next request finds a free place and share.
+  // The client gets its answer later, so that its next request finds a free place and share.
   work_.GiveBackPlace();
   work_.GiveBackShare();
 }

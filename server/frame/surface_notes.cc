@@ -51,7 +51,7 @@ view::Viewport Smaller(const view::Viewport& size) {
   return {scaled(size.width_px), scaled(size.height_px)};
 }
 
-// How a drawing differs from the picture.
+// The differences of a drawing from the picture.
 struct Drawing {
   bool sees_all = false;  // with the default camera
   bool is_clipped = true;

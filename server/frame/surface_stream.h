@@ -71,7 +71,7 @@ class SurfaceStream final : public mesh::SurfaceSource {
   // Takes the sums of message_. INTERNAL if they are malformed.
   absl::Status TakeSums();
   // Records the failure. OK if another replica was asked; else its error, with the agent's name.
-  // After Cancel: records nothing, CANCELLED.
+  // After Cancel it records nothing, and returns CANCELLED.
   absl::Status Fail(absl::Status status, bool was_silent = false);
 
   const FramePart part_;

@@ -111,7 +111,7 @@ class InteractStreams {
   }
 
   base::Mutex mutex_;
-  // By caller, in the order of arrival. No list is empty.
+  // The streams of each caller, in the order of arrival. No list is empty.
   std::map<std::string, Streams> streams_ ABSL_GUARDED_BY(mutex_);
   std::size_t count_ ABSL_GUARDED_BY(mutex_) = 0;
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;

@@ -67,7 +67,7 @@ class InteractiveSchedule {
     std::vector<std::int64_t> cancel;  // works to cancel
     std::optional<FrameStart> start;
     std::vector<std::int64_t> overdue;  // frames that count as shown from now on
-    // When to call Next again if no event comes before. Infinite future: not needed.
+    // The time to call Next again if no event comes before. Infinite future: not needed.
     base::MonotonicTime wake = base::MonotonicTime::InfiniteFuture();
   };
   // Decides the next action. Call again after each start, until there is none.
@@ -98,7 +98,7 @@ class InteractiveSchedule {
   // Return true if another frame may be drawn, and if the client has room for an exact one.
   [[nodiscard]] bool MayDraw() const;
   [[nodiscard]] bool MayBeginExact() const;
-  // When the oldest frame that was sent counts as shown; infinite future if there is none.
+  // Returns when the oldest frame that was sent counts as shown; infinite future if there is none.
   [[nodiscard]] base::MonotonicTime NextExpiry() const;
   [[nodiscard]] bool MayCancel(const Work& work, base::MonotonicTime now) const;
   FrameStart Begin(bool is_exact, base::MonotonicTime now);

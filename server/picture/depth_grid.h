@@ -12,7 +12,7 @@
 
 namespace isoscope::server {
 
-// As isoscope.v1.DepthGrid describes it.
+// A grid of depths, as isoscope.v1.DepthGrid describes it.
 struct DepthGrid {
   int width = 0;
   int height = 0;
