@@ -220,20 +220,24 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request,
   if (request.raw.has_value()) {
     ISOSCOPE_ASSIGN_OR_RETURN(series, OpenRaw(request));
   } else {
+    // 1. The row.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request, formats));
     const SeriesOptions options = OptionsOf(request);
     auto found = FindVolume(path, options.format, formats);
     if (!found.ok()) {
       return ExplainByContent(path, found.status(), formats);
     }
+    // 2. The path, and 3. its place.
     has_field_names = found->format->has_field_names;
     ISOSCOPE_ASSIGN_OR_RETURN(series, OpenFoundVolume(*std::move(found), options, formats));
     series = PlaceSeries(std::move(series), request.grid);
   }
+  // 4. The samples.
   series = AdjustSeries(std::move(series), {.crop = request.crop,
                                             .stride = request.stride,
                                             .fill = request.fill,
                                             .ignores_shear = request.ignores_shear});
+  // 5. The volumes.
   return SelectFrom(std::move(series), {.fields = request.fields,
                                         .names_field = !has_field_names,
                                         .steps = request.steps,

@@ -5,10 +5,16 @@
 // dicom_element.cc has the layout of elements.
 //
 // A sequence or an item may have the length 0xffffffff: then it holds elements up to its delimiter.
-// The walk skips values with a length, and enters those without one. It counts its depth, because
-// the pixels of an icon inside a sequence are not those of the image. Pixels without a length are a
-// row of items. A value of unknown kind (UN) without a length holds implicit elements, in any file
-// (CP-246).
+// The walk takes the first step that applies to an element:
+//
+// 1. A delimiter ends an item or a sequence. At the delimiter of pixels the walk is done.
+// 2. An element without a length is entered. Pixels without a length are a row of items. A value of
+//    unknown kind (UN) without a length holds implicit elements, in any file (CP-246).
+// 3. Pixels with a length are counted, and the walk is done.
+// 4. Another value is kept if the scan needs it, and skipped.
+//
+// The walk counts its depth, because the pixels of an icon inside a sequence are not those of the
+// image.
 //
 // GDCM also ends its process if a number that describes the pixels is of a wrong kind, such as rows
 // that are a text. The same holds for an invalid kind in the group 0002. Such a file counts as cut.
@@ -296,6 +302,7 @@ class Scanner {
       if (!has_head) {
         return End::kWithinElement;
       }
+      // 1. A delimiter.
       if (element.tag == kItemEnd || element.tag == kSequenceEnd) {
         if (is_in_pixels) {
           return element.tag == kSequenceEnd ? End::kOfPixels : End::kWithinElement;
@@ -307,6 +314,7 @@ class Scanner {
         }
         continue;
       }
+      // 2. An element without a length.
       if (element.length == DicomElement::kUndefined) {
         if (is_in_pixels) {
           return End::kWithinElement;  // fragments of pixels have lengths
@@ -322,6 +330,7 @@ class Scanner {
       if (!reader_.Has(element.length)) {
         return End::kWithinElement;
       }
+      // 3. Pixels with a length.
       if (depth == 0 && element.tag == kPixels) {
         scan_.pixels_offset = reader_.position();
         return CountPixels(element.length) ? End::kOfPixels : End::kWithinElement;
@@ -330,6 +339,7 @@ class Scanner {
         scan_.has_float_pixels = true;
         return End::kOfPixels;
       }
+      // 4. Another value.
       if (depth == 0 && IsBrokenNumber(element)) {
         return End::kWithinElement;
       }

@@ -227,11 +227,14 @@ absl::Status CheckParallel(const std::vector<DicomSlice>& slices, const std::str
 
 absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const std::string& name,
                                        const GridRules& rules) {
+  // 1. By position.
   std::stable_sort(slices->begin(), slices->end(), [](const DicomSlice& a, const DicomSlice& b) {
     return a.position < b.position;
   });
+  // 2. One orientation.
   ISOSCOPE_RETURN_IF_ERROR(CheckParallel(*slices, name));
-  // The first that says how far its pixels lie apart: what the user gives can't be right for two.
+  // 3. Slices like the first one that tells the spacing of its pixels. The spacing of the user can't
+  // be right for slices that tell different ones.
   const auto says = std::find_if(slices->begin(), slices->end(),
                                  [](const DicomSlice& slice) { return slice.has_spacing; });
   const DicomSlice& stated = says == slices->end() ? slices->front() : *says;
@@ -243,6 +246,7 @@ absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const st
     return absl::InvalidArgumentError(
         absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
   }
+  // 4. Even gaps, and 5. one line.
   ISOSCOPE_ASSIGN_OR_RETURN(SliceLine line, StackOf(*slices, rules));
   SliceStack stack{.distances = std::move(line.distances)};
   volume::GridGeometry& geometry = stack.geometry;

@@ -187,9 +187,15 @@ absl::StatusOr<std::string> CommonUnit(const std::vector<std::string>& units,
   return units[0];
 }
 
+// Sets the grid by the fields of its space:
+//
+// 1. One unit of length for the axes of space, and a unit of time.
+// 2. Distance and direction of each axis, or the faults of the grid.
+// 3. The origin, and its time.
 absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& lists,
                              std::size_t first, const NrrdWorld& world, const std::string& path,
                              NrrdGrid* grid) {
+  // 1. Units.
   std::vector<std::string> units = SplitNrrdList(fields.Get("space units"));
   if (!units.empty() && units.size() != world.rank) {
     return NrrdError(path, absl::StrFormat("space units %s; expected %d units, one of each axis of "
@@ -205,6 +211,7 @@ absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& li
   const auto scaled = [&](const math::Vec3d& v) {
     return math::Vec3d{v.x * factors[0], v.y * factors[1], v.z * factors[2]};
   };
+  // 2. Distances and directions.
   volume::GridGeometry& geometry = grid->geometry;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::string& text = lists.directions[first + axis];
@@ -239,6 +246,7 @@ absl::Status SetByDirections(const HeaderFields& fields, const NrrdAxisLists& li
     geometry.spacing[static_cast<int>(axis)] = has_length ? length : 1;
     geometry.direction.columns[axis] = has_length ? step * (1 / length) : math::Vec3d{0, 0, 0};
   }
+  // 3. The origin.
   if (!fields.Get("space origin").empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const math::Vec3d origin,
