@@ -91,11 +91,13 @@ void LayPlanes(absl::string_view letters, StackLayout* layout) {
 
 absl::Status ApplyPageAxes(absl::string_view axes, std::int64_t planes, bool is_known,
                            StackLayout* layout) {
+  // 1. Letters and counts.
   std::optional<std::vector<PageAxis>> parsed = ParsePageAxes(axes);
   const auto open_count = [&] {
     return std::count_if(parsed->begin(), parsed->end(),
                          [](const PageAxis& axis) { return axis.count == 0; });
   };
+  // 2. The file's own counts.
   if (parsed.has_value() && is_known && open_count() > 1) {
     for (PageAxis& axis : *parsed) {
       axis.count = axis.count == 0 ? *CountOf(axis.letter, layout) : axis.count;
@@ -107,6 +109,7 @@ absl::Status ApplyPageAxes(absl::string_view axes, std::int64_t planes, bool is_
         "(slice), with the counts of all but one: --axes Z, --axes TZ20, --axes TC3Z20",
         axes, planes));
   }
+  // 3. The missing count.
   std::int64_t product = 1;
   for (const PageAxis& axis : *parsed) {
     product *= std::max<std::int64_t>(axis.count, 1);
@@ -131,6 +134,7 @@ absl::Status ApplyPageAxes(absl::string_view axes, std::int64_t planes, bool is_
     return absl::InvalidArgumentError(absl::StrFormat(
         "--axes %s: %d planes can't be so many; they would have to be %s", axes, planes, counts));
   }
+  // 4. Times and names.
   if (static_cast<std::int64_t>(layout->times.size()) != layout->steps) {
     layout->times.clear();
     layout->time_unit.clear();
