@@ -163,6 +163,7 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
                                                  const base::Cancellation& cancellation,
                                                  PublicCall* call,
                                                  isoscope::v1::GetHistogramResponse* response) {
+  // 2. Dataset and volume.
   ISOSCOPE_ASSIGN_OR_RETURN(const wire::HistogramQuery query,
                             wire::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -178,12 +179,14 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       wire::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
+  // 3. The sum of the agents' histograms.
   const std::vector<FramePart> parts = state_.PartsOf(dataset);
   const QueryOutcome<volume::HistogramPart> outcome =
       AskHistogram({dataset.dataset.dataset_id(), parts}, query, call->request(), cancellation);
   state_.ReportQuery(call->request(), outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const volume::HistogramPart& whole = *outcome.result;
+  // 4. Suggestions.
   std::vector<volume::IsovalueSuggestion> suggestions;
   if (whole.samples.has_value() && whole.groups.count > 0) {
     suggestions = volume::SuggestIsovalues(type, *whole.samples, whole.groups.begin,

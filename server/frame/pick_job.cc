@@ -104,6 +104,7 @@ absl::Status PickJob::Run(Response* response) {
 }
 
 absl::Status PickJob::TryRun(Response* response) {
+  // 1. The frame.
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
                             runner_.Prepare(ticket_.get(), &asked_, /*trace=*/nullptr));
   std::vector<FramePart> parts = target.parts;
@@ -111,8 +112,10 @@ absl::Status PickJob::TryRun(Response* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(drawn_, runner_.Run(identity, asked_, target, &parts));
   cost_ = CostOf(drawn_);
   ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(identity, asked_, target, parts, &cost_));
+  // 2. The nearest fragments.
   base::RunIn(runner_.state().arena.get(),
               [&] { picture::ShowNearest(drawn_.layers, &drawn_.image); });
+  // 3. The points of the pixels.
   const frame::FrameSpec& spec = asked_.spec;
   const view::ClipCrossingFinder crossings(target.view,
                                            view::Clipper(spec.clip, target.view.geometry()));
@@ -125,7 +128,9 @@ absl::Status PickJob::TryRun(Response* response) {
          .is_on_cap = spec.caps.has_value() && ShowsCap(crossings, pixel, depth),
          .answer = {}});
   }
+  // 4. The agents' answers.
   ISOSCOPE_RETURN_IF_ERROR(AskAgentsOfPoints(target, parts));
+  // 5. The response.
 
   *response->mutable_camera() = wire::ToProto(*spec.camera);
   *response->mutable_statistics() = ToProto(cost_);
