@@ -233,8 +233,8 @@ absl::StatusOr<SliceStack> StackSlices(std::vector<DicomSlice>* slices, const st
   });
   // 2. One orientation.
   ISOSCOPE_RETURN_IF_ERROR(CheckParallel(*slices, name));
-  // 3. Slices like the first one that tells the spacing of its pixels. The spacing of the user can't
-  // be right for slices that tell different ones.
+  // 3. Slices like the first one that tells the spacing of its pixels. The user's spacing can't be
+  // right for slices that tell different ones.
   const auto says = std::find_if(slices->begin(), slices->end(),
                                  [](const DicomSlice& slice) { return slice.has_spacing; });
   const DicomSlice& stated = says == slices->end() ? slices->front() : *says;
