@@ -100,7 +100,7 @@ absl::StatusOr<FoundVolume> FindInFolder(const std::string& path,
       volumes.empty() ? "" : absl::StrCat("; it holds ", volumes, ": give such a file")));
 }
 
-// Whatever the name and the content say.
+// Takes the path for the named format. The name and the content of the file do not count.
 absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, absl::string_view name,
                                          absl::Span<const Format> formats) {
   const Format* const format = FindFormat(name, formats);

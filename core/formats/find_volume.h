@@ -30,8 +30,9 @@ struct FoundVolume {
 absl::StatusOr<FoundVolume> FindVolume(const std::string& path, absl::string_view format = "",
                                        absl::Span<const Format> formats = Formats());
 
-// The row of which a name says to be, where a mark of HDF5 is as good as a name, and the row whose
-// content the file has; not set: none. FindByName: no such file, a folder, or a special file.
+// FindByName returns the row that the name tells; a mark of HDF5 is as good as a name.
+// FindByContent returns the row that the content tells. Not set: no row. Errors of FindByName: no
+// such file, a folder, or a special file.
 absl::StatusOr<std::optional<FoundVolume>> FindByName(const std::string& path,
                                                       absl::Span<const Format> formats = Formats());
 std::optional<FoundVolume> FindByContent(const std::string& path,

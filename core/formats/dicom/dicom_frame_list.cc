@@ -48,7 +48,7 @@ absl::string_view Trimmed(absl::string_view text) {
   return absl::StripAsciiWhitespace(text.substr(0, last == text.npos ? 0 : last + 1));
 }
 
-// Numbers as text (DS, IS). Not given: kMissing or kBroken, and no numbers.
+// Reads numbers that are text (DS, IS). If they are not given: kMissing or kBroken, and no numbers.
 DicomGiven TextNumbers(const gdcm::DataSet& data, const gdcm::Tag& tag,
                        std::vector<double>* numbers) {
   const std::string bytes = DicomBytesOf(data, tag);

@@ -133,7 +133,7 @@ class Hdf5FileSeries final : public VolumeSeries {
                                           grid_));
     return volume;
   }
-  // Those of its own file, and what that links to.
+  // Returns the file of the step and the files that it links to.
   absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::string> files,

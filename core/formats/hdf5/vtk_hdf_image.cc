@@ -79,7 +79,7 @@ absl::StatusOr<std::vector<double>> ReadVtkHdfTimes(hid_t root) {
   return Hdf5ScaleValues(values.get(), static_cast<std::int64_t>(count[0]));
 }
 
-// The index on the axis of time by step: that of the step itself without such a dataset.
+// Returns the index of each step on the axis of time. Without such a dataset it is the step itself.
 absl::StatusOr<std::vector<std::int64_t>> ReadVtkHdfOffsets(hid_t root, const std::string& path,
                                                             std::size_t step_count) {
   std::vector<std::int64_t> offsets(step_count);

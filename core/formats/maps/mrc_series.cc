@@ -137,7 +137,7 @@ absl::StatusOr<MrcType> MrcTypeOf(const MrcHeader& header) {
                              : ""));
 }
 
-// The cell's axis of columns, rows and sections, from 0.
+// Returns the axes of the cell along which columns, rows and sections run, from 0.
 absl::StatusOr<std::array<int, 3>> MrcAxes(const MrcHeader& header) {
   std::array<int, 3> axes{header.Integer(17) - 1, header.Integer(18) - 1, header.Integer(19) - 1};
   if (axes == std::array<int, 3>{-1, -1, -1}) {

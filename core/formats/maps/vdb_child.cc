@@ -358,8 +358,8 @@ std::unique_ptr<VdbVolume> MakeVolume(const std::string& path, const GridType& g
   return std::make_unique<GridVolume<GridType>>(path, grid, component, box.min(), header);
 }
 
-// The box of the active voxels of the grid, or of all that can be read and have its transform.
-// Adds the memory of the others to `other_bytes`. Throws.
+// Returns the box of the active voxels of the grid, or of all grids that can be read and have its
+// transform. Adds the memory of the others to `other_bytes`. Throws.
 CoordBBox BoxOf(const GridBase& grid, std::size_t index, bool is_joined, VdbFile* file,
                 std::int64_t* other_bytes) {
   CoordBBox box = grid.evalActiveVoxelBoundingBox();

@@ -127,7 +127,7 @@ absl::StatusOr<AfniHeader> ReadAfniHeader(const std::string& path) {
   return header;
 }
 
-// A count that an attribute has at that place; 0 for one that is none.
+// Returns the count that an attribute has at that index; 0 if it is no count.
 std::int64_t CountAt(const std::vector<double>& numbers, std::size_t index) {
   constexpr double kMax = 0x1p31;
   return index < numbers.size() && numbers[index] >= 0 && numbers[index] < kMax

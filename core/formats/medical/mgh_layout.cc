@@ -57,7 +57,7 @@ absl::StatusOr<volume::ScalarType> MghType(std::int32_t code, const std::string&
   }
 }
 
-// 1 in place of a distance that is none: FileLayout::faults refuses it.
+// Returns the distance, or 1 if it is not above 0 and finite: FileLayout::faults then refuses it.
 double DistanceOfMgh(const BinaryHeader& header, std::size_t axis) {
   const auto distance = static_cast<double>(header.Load<float>(30 + 4 * axis));
   return std::isfinite(distance) && distance > 0 ? distance : 1;

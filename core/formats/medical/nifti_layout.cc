@@ -86,7 +86,7 @@ class NiftiNumbers {
   [[nodiscard]] double first_time() const { return Real(136, 216, 0); }
   [[nodiscard]] bool has_qform() const { return Code(252, 344) > 0; }
   [[nodiscard]] bool has_sform() const { return Code(254, 348) > 0; }
-  // b, c, d, and the offset x, y, z.
+  // Returns number 0 to 5 of the qform: b, c, d, and the offset x, y, z.
   [[nodiscard]] double Quaternion(std::size_t number) const { return Real(256, 352, number); }
   [[nodiscard]] AffineRows Sform() const {
     AffineRows rows;

@@ -65,7 +65,7 @@ struct NrrdHeader {
   std::int64_t end = 0;              // the byte behind it
   std::vector<std::string> names{};  // of data files in a LIST
 
-  // A field that the format spells with a space or without.
+  // Returns a field that the format spells with a space or without.
   [[nodiscard]] std::string Get(const char* a, const char* b) const {
     return fields.Get(fields.Get(a).empty() ? b : a);
   }
@@ -139,7 +139,7 @@ absl::StatusOr<std::vector<std::string>> FindDataFiles(const NrrdHeader& header,
   return NumberedFiles(path, numbered->pattern, numbers[0], numbers[1], numbers[2], shares);
 }
 
-// Moves the offset of the first file behind so many lines.
+// Moves the offset of the first file behind this number of lines.
 absl::Status SkipLines(std::int64_t lines, const std::string& path, SampleLocation* location) {
   if (lines == 0) {
     return absl::OkStatus();

@@ -1,4 +1,4 @@
-// NRRD and MetaImage: which of them a file is, and where its samples lie.
+// Tells NRRD and MetaImage files apart, and finds their samples.
 
 #ifndef ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_
 #define ISOSCOPE_CORE_FORMATS_MEDICAL_SAMPLE_FORMAT_H_

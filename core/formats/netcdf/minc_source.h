@@ -1,4 +1,4 @@
-// MINC 2, by ITK and libminc; MINC 1 (minc1_series.h).
+// Opens MINC 2 by ITK and libminc, and MINC 1 by minc1_series.h.
 
 #ifndef ISOSCOPE_CORE_FORMATS_NETCDF_MINC_SOURCE_H_
 #define ISOSCOPE_CORE_FORMATS_NETCDF_MINC_SOURCE_H_

@@ -43,7 +43,7 @@ class PngReader {
     png_read_info(png_, info_);
     return true;
   }
-  // Once, after the header: rows of `row_bytes` from `out` on.
+  // Reads all rows, once, after the header.
   bool ReadRows(std::vector<png_byte*>* rows) {
     if (setjmp(png_jmpbuf(png_)) != 0) {
       return false;

@@ -23,7 +23,7 @@ class LegacyGrid {
   [[nodiscard]] const math::Index3& dims() const { return dims_; }
 
   // Takes all behind a keyword of the grid, such as DIMENSIONS; false if it is no such keyword.
-  // INVALID_ARGUMENT: numbers that are none, or too many.
+  // INVALID_ARGUMENT: a word that is no number, or too many numbers.
   absl::StatusOr<bool> Take(const std::string& keyword, bool is_binary, LegacyWords* words);
 
   // The grid of the points, or of the cells' centres, with distances only if it is uneven and the

@@ -254,7 +254,7 @@ class LegacyParser {
     return AddArray(std::move(array), type);
   }
 
-  // The line "LOOKUP_TABLE default", which some writers leave out.
+  // Passes the line "LOOKUP_TABLE default", which some writers leave out.
   absl::Status PassTableName() {
     constexpr absl::string_view kTable = "LOOKUP_TABLE";
     const std::int64_t begin = words_.position();
