@@ -11,7 +11,7 @@
 
 namespace isoscope::source {
 
-// So many bytes tell.
+// This number of bytes is enough to tell.
 inline constexpr std::size_t kContentBytes = 1024;
 
 // Advice for kinds of files, behind RefusedSentence.

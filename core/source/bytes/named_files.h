@@ -10,8 +10,9 @@
 
 namespace isoscope::source {
 
-// The files in a folder, or those of a pattern with '*', '?' or '[' in it, or the file itself. Only
-// those whose paths `is_wanted`, without folders: "slice9" before "slice10" (natural_order.h).
+// Returns the files in a folder, or those of a pattern with '*', '?' or '[' in it, or the file
+// itself. It leaves out folders and paths that are not `is_wanted`. "slice9" comes before "slice10"
+// (natural_order.h).
 std::vector<std::string> FilesNamed(const std::string& path,
                                     bool (*is_wanted)(const std::string& path));
 

@@ -12,15 +12,15 @@ namespace isoscope::source {
 // The direction in which a vertical coordinate grows.
 enum class CfDirection { kUnknown, kUp, kDown };
 
-// X and Y for units of longitude and latitude, Z for those of pressure, and for level, layer and
-// sigma_level of COARDS; T for "days since ..."; '?' for others.
+// Returns X and Y for units of longitude and latitude; Z for units of pressure, and for level,
+// layer and sigma_level of COARDS; T for "days since ..."; '?' for others.
 char CfLetterOfUnits(absl::string_view units);
-// T, C, Z, Y or X by a standard name, in any case; '?' for others.
+// Returns T, C, Z, Y or X by a standard name, in any case; '?' for others.
 char CfLetterOfStandardName(absl::string_view name);
 // The same by the name of a dimension.
 char CfLetterOfDimension(absl::string_view name);
 
-// Down for units of pressure, and for sigma_level.
+// Returns kDown for units of pressure, and for sigma_level.
 CfDirection CfDirectionOfUnits(absl::string_view units);
 CfDirection CfDirectionOfStandardName(absl::string_view name);
 

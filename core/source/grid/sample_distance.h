@@ -1,4 +1,4 @@
-// Distances of samples that a header does not give, or gives as numbers that are none.
+// Errors about distances of samples that a header lacks, or that are not finite and above 0.
 
 #ifndef ISOSCOPE_CORE_SOURCE_GRID_SAMPLE_DISTANCE_H_
 #define ISOSCOPE_CORE_SOURCE_GRID_SAMPLE_DISTANCE_H_

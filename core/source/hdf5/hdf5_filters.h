@@ -24,7 +24,7 @@ void PrepareHdf5Filters();
 // name, and Debian's package if there is one. The message is to follow a name and a colon.
 absl::Status CheckHdf5Filters(std::int64_t dataset);
 
-// The same of a filter by its number, and the error alone.
+// The same for a filter by its number. The second function returns the error alone.
 absl::Status CheckHdf5Filter(unsigned int id);
 absl::Status MissingHdf5Filter(unsigned int id);
 
