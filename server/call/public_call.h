@@ -61,8 +61,8 @@ struct CallDataset {
   friend bool operator==(const CallDataset&, const CallDataset&) = default;
 };
 
-// Part of a call's reactor, or on the stack of its handler. NoteDataset, Audit and End are
-// thread-safe.
+// A public call, as a part of its reactor, or on the stack of its handler. NoteDataset, Audit and
+// End are thread-safe.
 class PublicCall {
  public:
   // Stage 1. `dataset`: name in the request; empty without one.

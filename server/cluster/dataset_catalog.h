@@ -64,8 +64,8 @@ struct DatasetState {
   isoscope::v1::Dataset dataset;  // with missing_shards
   // OK if frames can be rendered. FAILED_PRECONDITION names the missing or contradicting part.
   absl::Status status;
-  // Each shard once, in order of the sets' first shards. If `status` is not OK: the shards that can
-  // still be drawn together, perhaps none.
+  // The sets have each shard once, and stand in order of their first shards. If `status` is not OK
+  // they have the shards that can still be drawn together, perhaps none.
   std::vector<ReplicaSet> replica_sets;
   frame::PictureRevision picture_revision;  // of all of these agents
   bool is_served = false;                   // at least one shard is

@@ -111,7 +111,7 @@ class ReplicaBoard {
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
 
   mutable base::Mutex mutex_;
-  // Only agents with parts under way or in trouble.
+  // The agents with parts under way, or in trouble.
   std::map<std::string, Agent, std::less<>> agents_ ABSL_GUARDED_BY(mutex_);
   double hedges_ ABSL_GUARDED_BY(mutex_) = 0;  // in the bucket
 };
