@@ -40,8 +40,8 @@ std::optional<FoundVolume> FindByContent(const std::string& path,
 // Returns true if a name says that the file has its own dimensions and type.
 bool NamesFormat(const std::string& path, absl::Span<const Format> formats = Formats());
 
-// The series that --series can choose from in a folder, or at an index; empty if the path names no
-// volume of such a format, or a file of one series. Otherwise errors of the format.
+// Returns the series from which --series can choose in a folder, or at an index. Empty if the path
+// names no volume of such a format, or a file of one series. Otherwise errors of the format.
 absl::StatusOr<std::vector<SeriesEntry>> ListSeries(const std::string& path,
                                                     absl::Span<const Format> formats = Formats());
 

@@ -48,10 +48,9 @@ struct OpenRequest {
   std::string label_names{};          // a file with names of labels; "": as the source says
 };
 
-// A text that differs wherever two requests could give volumes of other samples, positions or
-// names: of all members, with links in paths resolved, and of the program, whose readers may differ
-// between versions. The files' contents are FilesOf's and StampsOf's to tell. Errors as
-// ResolvedPath.
+// Returns a text that differs if two requests could give volumes of other samples, positions or
+// names. It has all members, with links in paths resolved, and the version of the program, whose
+// readers may differ. FilesOf and StampsOf tell the contents of the files. Errors as ResolvedPath.
 absl::StatusOr<std::string> Describe(const OpenRequest& request);
 
 // Opens the volumes. Errors as OpenVolumeSeries (open_volume.h), OpenRawFile, FindSeriesFile,

@@ -5,8 +5,8 @@
 //   kSegments  the segments of a segmentation (0062,0002): number, label, colour
 //
 // GDCM's readers of images end the process on some files, and do not know all classes. So headers
-// are read element by element, and its reader of images is used for two things: the pixels, and the
-// type of a compressed image, which its codestream may say otherwise than the elements.
+// are read element by element. Its reader of images is used for two things: the pixels, and the
+// type of a compressed image, whose codestream may contradict the elements.
 //
 // Debian's GDCM refuses files of High-Throughput JPEG 2000 for their transfer syntax. So the child
 // gives it their bytes with that of JPEG 2000, and OpenJPEG, which knows both, decodes them.

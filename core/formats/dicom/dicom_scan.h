@@ -64,9 +64,9 @@ struct DicomScan {
   bool has_float_pixels = false;  // those of a parametric map (7fe0,0008 or 0009); not counted
 };
 
-// True if the file has the mark "DICM" behind 128 bytes, or begins with elements of DICOM without a
-// mark: those of the group 0002, or of a data set, up to a class of DICOM's own. A few bytes of
-// most other files are read.
+// Returns true if the file has the mark "DICM" behind 128 bytes, or begins with elements of DICOM.
+// These are of the group 0002, or of a data set, up to a class of DICOM's own. A few bytes of most
+// other files are read.
 bool HasDicomStart(const io::RandomAccessFile& file);
 
 // Scans the file element by element, without its pixels. Keeps no field of the patient but the

@@ -14,22 +14,22 @@
 
 namespace isoscope::source {
 
-// Opens the series in a folder, or the series that a file belongs to (in the file's folder), by ITK
-// and GDCM: one file or frame a slice, sorted by position along the normal of the slices, not by
-// name. World coordinates are DICOM's, LPS. Files of the folder that hold no image (an index, a
-// report) are left out, with one warning in the log. The libraries run in a process of their own, a
-// child of this one that lives as long as the source (dicom_decoder.h). So a file on which they
-// abort, crash or hang is an error like any other. Memory: two slices here, a few in the child.
-// NOT_FOUND: no DICOM files with an image. INVALID_ARGUMENT: several series in a folder (lists
-// them); a slice that is cut; slices of different size, type or orientation; a distance between
-// slices that is not the same everywhere (beyond 1 %: one is missing, or there twice), unless the
-// rules resample; slices beside the straight line from the first to the last; frames without a
-// position; colour; a header that can't be decoded. DATA_LOSS: pixels that can't be decoded.
-// RESOURCE_EXHAUSTED: the system gives no process. No message quotes a field of the examination but
-// the descriptions of series. Not thread-safe (the libraries keep globals).
+// Opens the series in a folder, or the series of a file in its folder, by ITK and GDCM. Each file
+// or frame is a slice. Slices are sorted by position along their normal, not by name. World
+// coordinates are DICOM's, LPS. Files of the folder that hold no image (an index, a report) are
+// left out, with one warning in the log. The libraries run in a process of their own, a child of
+// this one that lives as long as the source (dicom_decoder.h). So a file on which they abort, crash
+// or hang is an error like any other. Memory: two slices here, a few in the child. NOT_FOUND: no
+// DICOM files with an image. INVALID_ARGUMENT: several series in a folder (lists them); a slice
+// that is cut; slices of different size, type or orientation; a distance between slices that is not
+// the same everywhere (beyond 1 %: one is missing, or there twice), unless the rules resample;
+// slices beside the straight line from the first to the last; frames without a position; colour; a
+// header that can't be decoded. DATA_LOSS: pixels that can't be decoded. RESOURCE_EXHAUSTED: the
+// system gives no process. No message quotes a field of the examination but the descriptions of
+// series. Not thread-safe (the libraries keep globals).
 //
-// The line of the slices need not be their normal: with a tilted gantry the third axis of the grid
-// is that line, so that each sample lies where the scanner had it.
+// The line of the slices need not be their normal. With a tilted gantry it is the third axis of the
+// grid, so each sample lies where the scanner had it.
 //
 // A segmentation is a volume of its own (dicom_segmentation.h); a folder with several in a series
 // is INVALID_ARGUMENT.

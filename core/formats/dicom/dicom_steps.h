@@ -43,13 +43,18 @@ struct DicomSteps {
   std::string time_unit{};
 };
 
-// Divides slices by what tells those of one place apart: the temporal position, the echo time, the
-// trigger time, the rank in the dimensions of a file, the number or time of the acquisition, the
-// time of the content or the number of the instance, the first that does so at every place. Echoes
-// and triggers give times in ms, acquisitions in s from the first one on; all else gives numbers,
-// in ms by the temporal resolution if there is one. Places with different numbers of images, or one
-// image each, make one step. INVALID_ARGUMENT: nothing tells them apart, or some steps lack a few
-// images (says how many).
+// Divides slices into steps, by the first of these that tells the slices of every place apart:
+//
+//   temporal position                       numbers
+//   echo time, trigger time                 ms
+//   rank in the dimensions of the file      numbers
+//   acquisition number                      numbers
+//   acquisition time, content time          s from the first one on
+//   instance number                         numbers
+//
+// Numbers become ms if there is a temporal resolution. Places with different numbers of images, or
+// one image each, make one step. INVALID_ARGUMENT: nothing tells them apart, or some steps lack a
+// few images (says how many).
 absl::StatusOr<DicomSteps> SplitDicomSteps(std::vector<DicomSlice> slices, const std::string& name);
 
 }  // namespace isoscope::source

@@ -21,8 +21,9 @@ struct SegmentPlaces {
 // at different points or are turned, as tiles are.
 absl::StatusOr<SegmentPlaces> PlacesOfFrames(std::vector<DicomSlice> frames);
 
-// The places with slices of frame -1 in between where some are left out: at multiples of
-// `named_distance`, or of the smallest distance if that is smaller or `named_distance` is 0.
+// Returns the places, with slices of frame -1 between them where places are left out. They lie at
+// multiples of `named_distance`, or of the smallest distance if that is smaller or `named_distance`
+// is 0.
 // INVALID_ARGUMENT: a gap that is no multiple of it (within 1 %), or more than kMaxDicomFrames.
 absl::StatusOr<std::vector<DicomSlice>> WithEmptyPlaces(const std::vector<DicomSlice>& places,
                                                         double named_distance);

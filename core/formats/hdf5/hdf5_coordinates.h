@@ -18,8 +18,8 @@
 
 namespace isoscope::source {
 
-// The axes of a dataset, slowest first. Names and coordinates are those of the plot of NeXus that
-// the dataset belongs to, else those of its dimension scales; a name alone may also stand in
+// Returns the axes of a dataset, slowest first. Names and coordinates are those of the NeXus plot
+// to which the dataset belongs, else those of its dimension scales. A name alone may also stand in
 // DIMENSION_LABELS, `axes` or `axistags`. Borders between samples (one number more than samples)
 // become middles; NeXus may scale coordinates. INVALID_ARGUMENT: coordinates of another length, or
 // of several axes (names them); values that NeXus scales.

@@ -17,15 +17,16 @@
 
 namespace isoscope::source {
 
-// The files of a pattern, "data9.h5" before "data10.h5". A pattern has '*', '?' or '[' in it, or
-// one mark of openPMD for the number of an iteration: %T for digits, %06T for six of them, more
-// only without zeros in front. Not set if `file` is no pattern, or exists. NOT_FOUND: no such file.
+// Returns the files of a pattern, "data9.h5" before "data10.h5". A pattern has '*', '?' or '[' in
+// it, or one mark of openPMD for the number of an iteration. %T stands for digits, %06T for six
+// digits, or for more without zeros in front. Not set if `file` is no pattern, or exists.
+// NOT_FOUND: no such file.
 absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfHdf5Pattern(const std::string& file);
 
-// Opens the files, which must be one at least, in ascending order of time, each as one step: all of
-// their fields, or that one which `part` names, as OpenHdf5MeshSeries. Files without times are
-// numbered from 0. Fields, units and grid are those of the first file; further fields of others are
-// passed over. No file stays open. `name` is the pattern, for messages.
+// Opens files in ascending order of time, each as one step. The fields are all of theirs, or the
+// one that `part` names, as in OpenHdf5MeshSeries. REQUIRES: at least one file. Files without times
+// are numbered from 0. Fields, units and grid are those of the first file; further fields of others
+// are passed over. No file stays open. `name` is the pattern, for messages.
 //
 // Every file is read at once, each in a child process, for its time, fields and grid.
 // INVALID_ARGUMENT names a file that describes no meshes, has several steps, no later time than the

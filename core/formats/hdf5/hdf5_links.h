@@ -10,8 +10,8 @@
 
 namespace isoscope::source {
 
-// Returns the file, then the others, each once, as paths from the working directory: those that
-// external links on the way to `object` and below it name, and those that hold samples of virtual
+// Returns the file, then the files that it needs, each once, as paths from the working directory.
+// External links on the way to `object` and below it name them, or they hold samples of virtual
 // datasets and of external storage. `object` is a group, with all below it, or a dataset, with the
 // scales of its axes; "/" is the whole file.
 //

@@ -66,8 +66,8 @@ std::vector<std::string> Hdf5NamesIn(hid_t group);
 absl::StatusOr<Hdf5MeshFile> FindVtkHdfImage(hid_t root);
 // The grid and the unit of a field are those of the first iteration.
 absl::StatusOr<Hdf5MeshFile> FindOpenPmdMeshes(hid_t file);
-// Checks that the volumes of a field from `begin` to `end` say the same of grid and unit as those
-// of the first step; those that are not there are passed over. OK for fields of other kinds.
+// Checks that the volumes of a field from `begin` to `end` have the grid and the unit of those of
+// the first step. Missing ones are passed over. OK for fields of other kinds.
 // INVALID_ARGUMENT: says the attribute with both values. `path` is that of the file, for advice.
 absl::Status CheckOpenPmdSteps(hid_t file, const std::string& path, const Hdf5MeshField& field,
                                std::size_t begin, std::size_t end);

@@ -23,9 +23,9 @@ struct Hdf5SampleType {
   Hdf5Handle memory_type;
 };
 
-// Samples are integers of 8 to 64 bits, IEEE floats of 16, 32 and 64, and, as the integers that
-// they are stored as, enumerations (h5py's bool is one) and bit fields. INVALID_ARGUMENT: of no
-// such type, which is named; the message is to follow the dataset's name and a colon.
+// Samples are integers of 8 to 64 bits and IEEE floats of 16, 32 and 64 bits. Enumerations, such as
+// h5py's bool, and bit fields are read as the integers in which they are stored. INVALID_ARGUMENT:
+// another type, which is named; the message is to follow the dataset's name and a colon.
 absl::StatusOr<Hdf5SampleType> Hdf5SampleTypeOf(hid_t dataset);
 
 // Returns true if a dataset without a name is rather of this type: integers of 8 to 32 bits, floats

@@ -24,7 +24,7 @@ bool IsVdb(absl::string_view head);
 // class of its grid.
 //
 // A `part` (SeriesFile) chooses a grid. Without it, the fields are the grids of the transform that
-// most of them have, and each has the box around the active voxels of all of them, so that one
+// most of them have. Each field has the box around the active voxels of all of them, so that one
 // dataset can hold them. A grid without a name has that of the file. INVALID_ARGUMENT: no such grid
 // that can be read (names their types); of Open: no active voxel; a transform that is not linear; a
 // shear, unless the rules ignore it; a box of more than 1 TiB. FAILED_PRECONDITION: isoscope_vdb.so

@@ -49,8 +49,8 @@ absl::Status NoVolume(const std::vector<std::int64_t>& sizes, const std::string&
                                     : ": extract one (time step, channel)"));
 }
 
-// One volume of the first three axes, whether the header says that they are of space or not, unless
-// it says that one of them is a list of values.
+// Takes the first three axes as one volume. The header need not say that they are of space, but
+// must not say that one of them is a list of values.
 absl::Status TakeNrrdVolume(const HeaderFields& fields, const NrrdAxisLists& lists,
                             const std::string& path, FileLayout* layout) {
   for (std::size_t axis = 0; axis < 3 && !lists.kinds.empty(); ++axis) {

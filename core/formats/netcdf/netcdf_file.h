@@ -20,11 +20,11 @@
 
 namespace isoscope::source {
 
-// How stored values become samples. Missing are those of _FillValue and missing_value, those
-// outside valid_min, valid_max or valid_range and, without a _FillValue, what the library writes
-// where nobody did, but of bytes and integers of 64 bits: they become NaN. The others become
-// scale_factor * stored + add_offset. All members are as values are stored, also limits that the
-// file gives as they are scaled.
+// The rule that turns stored values into samples. Missing values become NaN: those of _FillValue
+// and missing_value, and those outside valid_min, valid_max or valid_range. Without a _FillValue,
+// so does the library's own fill value, unless the type is bytes or integers of 64 bits. Other
+// values become scale_factor * stored + add_offset. All members are as values are stored, also
+// limits that the file gives as they are scaled.
 struct NetcdfPacking {
   double slope = 1;
   double intercept = 0;

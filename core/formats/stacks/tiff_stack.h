@@ -36,8 +36,8 @@ struct TiffStack {
 absl::StatusOr<TiffStack> FindTiffStack(const std::vector<std::string>& files,
                                         const std::string& name, const std::string& axes);
 
-// Turns the grid of pages as they are stored to that of TIFF's tag of orientation: row 0 at the
-// bottom, column 0 at the right, or rows that are columns. It fills the same box from the origin
+// Turns the grid of stored pages as TIFF's tag of orientation says. Row 0 may be at the bottom,
+// column 0 may be at the right, or rows may be columns. It fills the same box from the origin
 // on. REQUIRES: 1 to 8.
 void TurnPages(std::uint16_t orientation, volume::GridGeometry* geometry);
 
