@@ -13,10 +13,10 @@ namespace isoscope::source {
 // Resolves links as far as the path exists: it need not be a file ("run.h5:/p", a pattern).
 absl::StatusOr<std::string> ResolvedPath(const std::string& path);
 
-// A text of the files, each with the path that it has without links, its number on the disk
-// (inode), its size, and the times of the last change of its bytes and of its status. A file that
-// is written again, replaced, or reached by a link or a folder's name that led to another one
-// changes the text; so do new rights or names of it, which costs time only.
+// Returns a text of the files. Each has its path without links, its number on the disk (inode), its
+// size, and the times of the last change of its bytes and of its status. The text changes if a file
+// is written again or replaced, or if a link or a folder leads to another file. It also changes
+// with rights or names of a file, which costs time only.
 //
 // Clocks of file systems stand still for some milliseconds, those of a FAT disk for two seconds.
 // A second change in this time would not show. So if a file has changed that recently, the call

@@ -5,7 +5,7 @@
 //   result       0     1     2
 //
 // Rows that a stride skips within a plane are read, too, because one long read is faster than many
-// short ones; planes that it skips are not, unless the volume can only be read forwards.
+// short ones. Planes that it skips are read only if the volume can only be read forwards.
 
 #include "core/source/adapt/adjusted_source.h"
 

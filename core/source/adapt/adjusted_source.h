@@ -30,8 +30,8 @@ absl::StatusOr<SampleBox> ParseSampleBox(absl::string_view text);
 
 struct Adjustment {
   std::optional<SampleBox> crop{};
-  // Takes each stride-th sample on each axis, from the first one of the box on, and no mean: values
-  // stay those of the file, so that isovalues and labels keep their meaning.
+  // Takes each stride-th sample on each axis, from the first one of the box on. It takes no mean,
+  // so isovalues and labels keep their meaning.
   std::int64_t stride = 1;
   // Samples of this value become NaN. Integers of 8 and 16 bits become float32, wider ones float64.
   std::optional<double> fill{};

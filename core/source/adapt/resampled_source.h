@@ -21,8 +21,8 @@ struct EvenSamples {
   double step = 0;
 };
 // The step is the smallest distance of neighbours, or a little less, so that a whole number of
-// steps reaches the last sample; but there are at most four steps for each of the source on
-// average. REQUIRES: at least two distances, ascending from 0, finite.
+// steps reaches the last sample. On average there are at most four steps for each distance of the
+// source. REQUIRES: at least two distances, ascending from 0, finite.
 EvenSamples EvenSamplesFor(const std::vector<double>& distances);
 
 // Interpolates linearly along the uneven axes, x first, then y, then z, in double, rounded once.

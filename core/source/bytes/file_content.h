@@ -26,9 +26,10 @@ inline constexpr char kServeAdvice[] = "in Python, isoscope.serve(array) takes i
 // "NAME, which is not read: ADVICE".
 std::string RefusedSentence(absl::string_view name, absl::string_view advice);
 
-// A sentence without its end that names what an existing regular file is by its first bytes, and
-// says what to do: a Git LFS pointer, a web page, an archive, a picture, a mesh, a format of
-// others. Not set for content that a reader takes, and for what has no mark. Opens no special file.
+// Returns a sentence without its end: the kind of an existing regular file by its first bytes, and
+// the way out. Kinds are a Git LFS pointer, a web page, an archive, a picture, a mesh, and formats
+// of others. Not set for content that a reader takes, and for what has no mark. Opens no special
+// file.
 std::optional<std::string> DescribeContent(const std::string& path);
 
 }  // namespace isoscope::source

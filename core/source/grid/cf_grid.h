@@ -51,13 +51,14 @@ struct CfRoles {
 
   friend bool operator==(const CfRoles&, const CfRoles&) = default;
 };
-// Axes of one element are left out if nothing says their meaning, or a longer one has the same; as
-// many unknown ones as Z, Y and X miss are these, the slowest Z. Not set if the array is no volume:
-// an axis of space is missing, has one element or is there twice, or more axes are unknown.
+// Leaves out axes of one element if nothing tells their meaning, or a longer axis has the same. If
+// there are as many unknown axes as Z, Y and X are missing, they are these, the slowest one Z. Not
+// set if the array is no volume: an axis of space is missing, has one element or is there twice, or
+// more axes are unknown.
 std::optional<CfRoles> CfRolesOf(const std::vector<CfAxis>& axes);
-// The roles that `letters` give, one for each axis in any order: Z, Y and X, at most one T and one
-// C, and '-' for an axis of one element. INVALID_ARGUMENT: others; an axis of space with one
-// element. The message is to follow a name and a colon.
+// Returns the roles that `letters` give, one letter for each axis, in any order. They are Z, Y and
+// X, at most one T and one C, and '-' for an axis of one element. INVALID_ARGUMENT: others; an axis
+// of space with one element. The message is to follow a name and a colon.
 absl::StatusOr<CfRoles> CfRolesFrom(absl::string_view letters, const std::vector<CfAxis>& axes);
 
 // "time (T, 3), run (?, 4)": the axes of an array that is no volume, with what is known of them.
@@ -66,16 +67,16 @@ std::string DescribeCfAxes(const std::vector<CfAxis>& axes);
 // Z, Y, X, C, T. "" if there are none.
 std::string SuggestCfAxes(const std::vector<CfAxis>& axes);
 
-// The grid of the samples as they are stored: index x is the fastest axis. Its directions are those
-// of world x, y and z, turned around where coordinates descend, and for Z where they count down: by
-// `positive`, else units of pressure, else the standard name, else a name such as "depth" of
-// coordinates that are not negative. Axes without coordinates count from 0. Lengths in different
-// units are converted to metres, angles to degrees; axes with other units, or none, stay as they
-// are. INVALID_ARGUMENT: coordinates that are not even (names the axis, the worst coordinate and
-// its distance from an even one): more than a thousandth of a step, and more than their precision;
-// that neither ascend nor descend; missing (NaN), infinite, or all equal; a `positive` that is
-// neither up nor down. Also, unless the rules have a spacing: the fault of an axis; an axis without
-// coordinates beside one with lengths.
+// Returns the grid of the samples as they are stored: index x is the fastest axis. Its directions
+// are those of world x, y and z. They are turned around where coordinates descend, and for Z where
+// they count down. This is known by `positive`, else by units of pressure, else by the standard
+// name, else by a name such as "depth" if no coordinate is negative. Axes without coordinates count
+// from 0. Lengths in different units are converted to metres, angles to degrees; axes with other
+// units, or none, stay as they are. INVALID_ARGUMENT: coordinates that are not even (names the
+// axis, the worst coordinate and its distance from an even one): more than a thousandth of a step,
+// and more than their precision; that neither ascend nor descend; missing (NaN), infinite, or all
+// equal; a `positive` that is neither up nor down. Also, unless the rules have a spacing: the fault
+// of an axis; an axis without coordinates beside one with lengths.
 absl::StatusOr<volume::GridGeometry> CfGridOf(const std::vector<CfAxis>& axes, const CfRoles& roles,
                                               const GridRules& rules = {});
 
