@@ -1,6 +1,7 @@
 // Start builds the parts of a coordinator in the order of their dependencies:
 //
-//   HealthReporter, AgentRegistry, AccessControl, AuditLog, CoordinatorState, FrameRunner, services, gRPC server
+//   HealthReporter, AgentRegistry, AccessControl, AuditLog, CoordinatorState, FrameRunner,
+//   services, gRPC server
 //
 // Members are destroyed in the reverse order, so each part outlives its users. gRPC creates the
 // health service with the server, and the registry reports its first probe from its own thread. So

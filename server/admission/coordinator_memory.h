@@ -21,9 +21,9 @@ enum class Delivery {
   kParts,  // as a stream
 };
 
-// Returns the bytes that a frame takes in the coordinator: the drawn image with its samples and its
-// margin, occlusion map, bands on their way, planes, the picture at its largest, and the response
-// until it is sent.
+// Returns the bytes that a frame takes in the coordinator until its response is sent. They are
+// those of the drawn image with its samples and its margin, occlusion map, bands on their way,
+// planes, picture and response.
 std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
 
 // Returns the part of FrameBytes for bands that have arrived and are not composited yet.

@@ -70,7 +70,7 @@ v1::PickedPoint ToProto(const PixelPoint& seen, const PointAnswer& answer,
   return proto;
 }
 
-// Returns true if a pixel of the drawn region shows a cap, by the depth of its fragment: that of a
+// Returns true if a pixel of the drawn region shows a cap: the depth of its fragment is that of a
 // crossing of its ray with the border of the clip region.
 bool ShowsCap(const view::ClipCrossingFinder& crossings, const wire::PixelPosition& pixel,
               float depth) {
