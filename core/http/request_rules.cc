@@ -7,8 +7,8 @@
 //    WebSocket.
 // 4. CheckExpectations: only 100-continue (RFC 9110, section 10.1.1).
 //
-// An address with a host goes before the field Host. Of http://a:80/x?y the host is a:80, and the
-// rest is /x?y.
+// An address with a host goes before the field Host: http://a:80/x?y has the host a:80 and the rest
+// /x?y.
 
 #include "core/http/request_rules.h"
 
