@@ -46,7 +46,7 @@ struct SeriesState {
 };
 
 // Finds the volumes that are offered. If agents have different volumes of one key, it takes that of
-// most agents among those that every shard has. Of two equal ones it takes the lesser id.
+// most agents among those that every shard has. Between equal ones the lesser id counts.
 SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 
 // Joins the descriptions of a series by its agents: the ranges and bounds are those of the longest,
