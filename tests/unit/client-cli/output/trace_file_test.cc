@@ -7,7 +7,7 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -17,8 +17,8 @@ namespace v1 = isoscope::v1;
 void AddSpan(const std::string& name, int start_ms, int length_ms, v1::TraceTrack* track) {
   v1::TraceSpan* const span = track->add_spans();
   span->set_name(name);
-  *span->mutable_start_duration() = rpc::ToProto(absl::Milliseconds(start_ms));
-  *span->mutable_span_duration() = rpc::ToProto(absl::Milliseconds(length_ms));
+  *span->mutable_start_duration() = wire::ToProto(absl::Milliseconds(start_ms));
+  *span->mutable_span_duration() = wire::ToProto(absl::Milliseconds(length_ms));
 }
 
 v1::FrameTrace SmallTrace() {
@@ -33,7 +33,7 @@ v1::FrameTrace SmallTrace() {
   v1::ProcessTrace* const agent = trace.add_processes();
   agent->set_name("agent \"a\":1\n");
   agent->set_dropped_span_count(4);
-  *agent->mutable_clock_error_duration() = rpc::ToProto(absl::Microseconds(35));
+  *agent->mutable_clock_error_duration() = wire::ToProto(absl::Microseconds(35));
   v1::TraceTrack* const worker = agent->add_tracks();
   worker->set_name("worker 9");
   AddSpan("draw", 10, 20, worker);

@@ -12,7 +12,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/units.h"
-#include "core/rpc/proto_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
@@ -52,7 +52,7 @@ ClusterSample SampleAt(int seconds) {
   agent->set_done_frame_count(30 * seconds);
   agent->set_triangle_count(45'000'000LL * seconds);
   agent->set_read_bytes(base::kMiB * 4 * seconds);
-  *agent->mutable_busy_duration() = rpc::ToProto(absl::Seconds(1.75 * seconds));
+  *agent->mutable_busy_duration() = wire::ToProto(absl::Seconds(1.75 * seconds));
   agent->set_resident_bytes(512 * base::kMiB);
   agent->set_memory_limit_bytes(1024 * base::kMiB);
   return sample;
@@ -66,7 +66,7 @@ void AddFrame(const std::string& client, v1::FrameInWork::Step step, ClusterSamp
   frame->mutable_extent()->set_width_px(1024);
   frame->mutable_extent()->set_height_px(768);
   frame->set_step(step);
-  *frame->mutable_age_duration() = rpc::ToProto(absl::Milliseconds(1250));
+  *frame->mutable_age_duration() = wire::ToProto(absl::Milliseconds(1250));
 }
 
 std::string TextOf(const ClusterSample& now, const std::optional<ClusterSample>& before,

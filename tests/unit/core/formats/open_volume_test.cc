@@ -210,7 +210,7 @@ TEST_F(OpenVolumeTest, FilesThatSayHowTheyLieInThePatientHaveAPatientFrame) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(write_nrrd(row.space)));
     EXPECT_EQ(source->info().patient_frame.has_value(), row.has_frame);
     if (row.has_frame) {
-      EXPECT_EQ(source->info().patient_frame->info().name, "LPS");
+      EXPECT_EQ(source->info().patient_frame->name(), "LPS");
     }
     EXPECT_EQ(source->info().geometry.origin, row.origin);
   }

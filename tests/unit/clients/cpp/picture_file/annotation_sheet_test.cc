@@ -7,10 +7,6 @@
 
 #include "tests/support/status_matchers.h"
 
-// Fontconfig keeps what it has found until the process ends.
-// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
-extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
-
 namespace isoscope::client {
 namespace {
 
