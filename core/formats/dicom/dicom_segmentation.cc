@@ -94,6 +94,7 @@ class SegmentPlanes final : public SliceReader {
     return absl::OkStatus();
   }
 
+  [[nodiscard]] std::int64_t memory_bytes() const override { return kDicomModuleBytes; }
   absl::Status ReadSlice(std::int64_t z, char* out) override {
     FillEmpty(out);
     const auto here = frames_.find(z);

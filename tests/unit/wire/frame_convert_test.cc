@@ -472,6 +472,7 @@ frame::FrameSpec RichSpec() {
                     .opacity = 0.3F},
                    {.rule = volume::InsideRule::OfLabels({2, 7}), .color_by = by_x}};
   spec.camera = view::MakeDefaultCamera({{0, 0, 0}, {4, 5, 6}});
+  spec.camera->view_height = 0;  // of the other projection
   spec.camera->fov_y_radians = CameraFromProto(ToProto(*spec.camera), "camera")->fov_y_radians;
   spec.viewport = {.width_px = 400, .height_px = 300};
   spec.region = view::Region{10, 20, 30, 40};
