@@ -193,7 +193,7 @@ absl::StatusOr<std::string> FindSeriesFile(const std::string& path, const std::s
     }
   }
   return absl::InvalidArgumentError(
-      absl::StrCat(path, ": --series ", choice, ": no format has series to choose from"));
+      absl::StrCat(path, ": no format has series to choose ", choice, " from"));
 }
 
 }  // namespace isoscope::source
