@@ -40,7 +40,7 @@ except ImportError:
     webdriver = None
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-PATIENCE_S = 60  # a limit for waiting, far above what is needed
+PATIENCE_S = 180  # a limit for waiting, far above what is needed; more than a minute beside three builds
 
 
 def missing():
