@@ -49,8 +49,8 @@ TEST(ExecutorTest, ThreadsRunAtTheSameTime) {
   Mutex mutex;
   CondVar changed;
   int arrived = 0;
+  std::vector<std::unique_ptr<absl::Notification>> done;  // outlive the threads
   Executor executor(4, 4);
-  std::vector<std::unique_ptr<absl::Notification>> done;
   for (int i = 0; i < 4; ++i) {
     done.push_back(std::make_unique<absl::Notification>());
     ASSERT_TRUE(executor.TrySchedule([&, notification = done.back().get()] {
