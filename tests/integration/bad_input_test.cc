@@ -237,8 +237,8 @@ TEST_F(BadInputTest, FullDiskLeavesNothing) {
       {"render", Path("d"), "--isovalue", "128", "--output", Path("p.png"), "--renderer", "cpu"},
       kFailed, {"RESOURCE_EXHAUSTED", "p.png"}, full);
   EXPECT_EQ(Entries(), before);
-  ExpectFailure({"export", Path("d"), "--isovalue", "128", "--output", Path("m.ply")}, kFailed,
-                {"RESOURCE_EXHAUSTED", "m.ply"}, full);
+  ExpectFailure({"export", Path("d"), "--isovalue", "128", "--output", Path("m.ply"), "-q"},
+                kFailed, {"RESOURCE_EXHAUSTED", "m.ply"}, full);
   EXPECT_EQ(Entries(), before);
   // A device that is full.
   ExpectFailure(
