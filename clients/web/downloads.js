@@ -47,10 +47,17 @@ async function download(button, note, verb, name, ask) {
 
 /** @param {import('./series.js').SeriesControls} series */
 export function listenToDownloads(series) {
-  byId('link', HTMLElement).onclick = () => {
+  function linkOfView() {
     history.replaceState(null, '', `#${stateToHash(series.pinned(shown.getState()))}`);
-    copy(location.href, 'The link is copied: it opens this view again.');
-  };
+    return location.href;
+  }
+  byId('link', HTMLElement).onclick = () => copy(linkOfView(), client.token
+    ? 'The link is copied. It opens this view again for whoever has the token.' : 'The link is copied: it opens this view again.');
+  const access = byId('link-access', HTMLElement);
+  // After '#': neither a server nor a log sees it.
+  access.onclick = () => copy(`${linkOfView()}&token=${encodeURIComponent(client.token)}`,
+    'The link is copied, with the token: whoever gets it sees what you see.');
+  shown.addEventListener('status', () => { access.hidden = !client.token; });
   function drawCommand() {
     page.command.textContent = stateToCommand(series.pinned(shown.getState()), 'picture.png', shown.loop.picture);
   }

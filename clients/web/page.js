@@ -10,7 +10,9 @@
 // @ts-check
 
 import { drawClip, listenToClip } from './clip.js';
+import { abilities, loadAbilities } from './abilities.js';
 import { addCost, watchAgents } from './cost.js';
+import { closeDoor, isDoorClosed, listenToDoor } from './door.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
 import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
@@ -18,8 +20,8 @@ import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
 import { withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook } from './look.js';
-import { say } from './messages.js';
-import { client, drawControlsBy, redraw, shown, start, stateOfAddress, theme } from './page-view.js';
+import { announcer, say } from './messages.js';
+import { client, drawControlsBy, redraw, shown, start, stateOfAddress, takeTokenAgain, theme } from './page-view.js';
 import { clearPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
@@ -62,6 +64,7 @@ shown.addEventListener('state', () => {
   }, 250);
 });
 window.addEventListener('hashchange', () => {
+  takeTokenAgain();
   const { state, problems } = stateOfAddress();
   if (stateToHash(state) !== stateToHash(shown.getState())) {
     open(state, problems);
@@ -72,8 +75,6 @@ window.addEventListener('hashchange', () => {
 
 /** @type {any[]} */
 let datasets = [];
-/** Whether the coordinator tells why surfaces do not show; older ones refuse the question. */
-let hasNotes = false;
 
 /** @param {any} dataset */
 function factsOf(dataset) {
@@ -95,21 +96,70 @@ function labelOf(name, datasets) {
   return datasets.filter((other) => short(other.name) === short(name)).length > 1 ? name : short(name);
 }
 
+function drawDatasets() {
+  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
+}
+
+let isLoading = false;
 async function loadDatasets() {
-  try {
-    // A gateway that does not know its coordinator's abilities still shows pictures.
-    const abilities = client.get('v1/capabilities').catch(() => ({}));
-    datasets = (await client.get('v1/datasets')).datasets ?? [];
-    hasNotes = ((await abilities).features ?? []).includes('notes');
-  } catch (error) {
-    say(/** @type {Error} */ (error).message, true);
+  if (isLoading) {
     return;
+  }
+  isLoading = true;
+  try {
+    const asked = loadAbilities();
+    datasets = (await client.get('v1/datasets')).datasets ?? [];
+    await asked;
+  } catch (error) {
+    const { status, message } = /** @type {Error & {status: number}} */ (error);
+    if (status === 401) {
+      closeDoor();
+    } else {
+      say(message, true);
+    }
+    return;
+  } finally {
+    isLoading = false;
   }
   if (datasets.length === 0) {
     say('The server has no dataset yet. Start an agent with one: isoscope partition head.nii.gz, then isoscope serve head.', true);
   }
-  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
+  drawDatasets();
   open(stateOfAddress().state, start.problems);
+}
+
+/**
+ * @param {string} name or id; a dataset that has come since is asked for
+ * @returns {Promise<any>} null if there is none
+ */
+async function datasetOf(name) {
+  const known = datasets.find((one) => one.name === name || one.datasetId === name);
+  if (known) {
+    return known;
+  }
+  const come = await client.get(`v1/datasets/${encodeURIComponent(name)}`).catch(() => null);
+  if (come && !datasets.some((one) => one.name === come.name)) {
+    datasets.push(come);
+    drawDatasets();
+  }
+  return come;
+}
+
+/**
+ * Offers the datasets that there are in place of one of a link. What the link shows is kept where the names say that
+ * it is the same volume.
+ * @param {FrameRequest} state of the link
+ */
+function offer(state) {
+  const wanted = state.dataset ?? '';
+  const short = (/** @type {string} */ name) => name.toLowerCase().replace(/-[0-9a-f]{16}$/, '');
+  const sentence = `There is no dataset “${wanted.slice(0, 100)}” here. There ${datasets.length === 1 ? 'is' : 'are'}:`;
+  page.choice.hidden = false;
+  page.choice.replaceChildren(make('p', {}, sentence), make('ul', {}, ...datasets.map(({ name }) => make('li', {},
+    make('button', { className: 'button', title: name, onclick: () => {
+      open(short(name) === short(wanted) ? { ...state, dataset: name } : { dataset: name }, []);
+    } }, labelOf(name, datasets))))));
+  announcer.say(sentence);
 }
 
 /**
@@ -118,17 +168,18 @@ async function loadDatasets() {
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
-  const dataset = datasets.find((one) => one.name === state.dataset) ?? (state.dataset ? null : datasets[0]);
+  const dataset = state.dataset ? await datasetOf(state.dataset) : datasets[0] ?? null;
   const wrong = [...problems, ...(dataset ? withoutFields(state, dataset) : [])];
   if (wrong.length > 0) {
     say(wrong.slice(0, 3).join('\n'), true);
   }
   if (!dataset) {
-    if (state.dataset) {
-      shown.setState({ surfaces: [{ isovalue: 0 }], ...state });
+    if (state.dataset && datasets.length > 0) {
+      offer(state);
     }
     return;
   }
+  page.choice.hidden = true;
   page.dataset.value = dataset.name;
   document.title = `${dataset.name} · Isoscope`;
   await loadHistogram(dataset, state.selection);
@@ -139,7 +190,8 @@ async function open(state, problems) {
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
-  shown.setState({ ...filled, ...(hasNotes ? { withNotes: true } : {}) });
+  // Older coordinators refuse the question.
+  shown.setState({ ...filled, ...(abilities.features.includes('notes') ? { withNotes: true } : {}) });
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -240,5 +292,6 @@ listenToClip();
 listenToPoints(series);
 listenToDownloads(series);
 loadDatasets();
-whileShown(watchAgents, 5000);
-whileShown(watchSteps, 5000);
+listenToDoor(() => datasets.length === 0 && loadDatasets());
+whileShown(() => isDoorClosed() || watchAgents(), 5000);
+whileShown(() => isDoorClosed() || watchSteps(), 5000);

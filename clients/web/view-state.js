@@ -153,6 +153,31 @@ export function stateToHash(state) {
     `${name}=${encodeURIComponent(value).replace(/%2C/g, ',').replace(/%3A/g, ':')}`).join('&');
 }
 
+/**
+ * The token of a link with access: a word that no state has. '' without one.
+ * @param {string} hash
+ */
+export const tokenOfHash = (hash) => new URLSearchParams(hash.replace(/^#/, '').replaceAll('+', '%2B')).get('token') ?? '';
+
+/**
+ * The token of what people paste: alone, or in an address.
+ * @param {string} text
+ */
+export function tokenOfText(text) {
+  const [, word] = /[?&#]token=([^&#\s]*)/.exec(text) ?? [];
+  try {
+    return word === undefined ? text.trim() : decodeURIComponent(word);
+  } catch {
+    return word;
+  }
+}
+
+/**
+ * The same link without it, in its very letters.
+ * @param {string} hash
+ */
+export const withoutToken = (hash) => hash.replace(/^#/, '').split('&').filter((word) => !word.startsWith('token=')).join('&');
+
 /** Its reader knows the coordinator's address, the page does not. */
 const COMMAND = 'isoscope render --server HOST:50051';
 

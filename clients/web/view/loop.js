@@ -54,7 +54,7 @@ export class Loop {
 
   /**
    * @param {HTMLElement} element @param {Options} options
-   * @param {(type: string, detail: any) => void} emit sends an event
+   * @param {(type: string, detail: any) => boolean} emit sends an event; false if its default is prevented
    */
   constructor(element, options, emit) {
     this.#options = options;
@@ -106,6 +106,14 @@ export class Loop {
     }
     this.schedule();
     this.#emit('state', { state: this.model.toState(), isMoving });
+  }
+
+  /** @param {string} token */
+  setToken(token) {
+    this.#client.token = token;
+    if (!this.connection.isOpen) {
+      this.connection.again();
+    }
   }
 
   /** Draws in the next animation frame. */

@@ -17,7 +17,9 @@ import { Steering } from './steering.js';
  * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height, decodeMs,
  * roundTripMs, latencyMs}; 'state' {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in
  * pixels of the picture, of the pointer, or of the middle when Enter was pressed;
- * 'status' {kind: 'connecting' | 'open' | 'closed', sentence}; 'notice' {sentence, isError}; 'dataset'.
+ * 'status' {kind: 'connecting' | 'open' | 'closed' | 'refused', sentence}: after 'refused', for a missing or wrong
+ * token, nothing is tried until `setToken`, and a listener that tells it by itself prevents the default, a notice;
+ * 'notice' {sentence, isError}; 'dataset'.
  */
 export class View extends EventTarget {
   /** @param {HTMLElement} element @param {Options} [options] */
@@ -25,7 +27,7 @@ export class View extends EventTarget {
     super();
     this.options = options;
     /** @param {string} type @param {any} detail */
-    const emit = (type, detail) => this.dispatchEvent(new CustomEvent(type, { detail }));
+    const emit = (type, detail) => this.dispatchEvent(new CustomEvent(type, { detail, cancelable: true }));
     /** The inside, for the page and for tests. */
     this.loop = new Loop(element, options, emit);
     const { model, picture } = this.loop;
@@ -162,6 +164,14 @@ export class View extends EventTarget {
       height: picture.frame?.height ?? 0,
       notice: notices.text,
     };
+  }
+
+  /**
+   * Connects with another token, if there is no connection.
+   * @param {string} token
+   */
+  setToken(token) {
+    this.loop.setToken(token);
   }
 
   /** Ends the connection, frees all pictures and removes the view from its element. */

@@ -983,19 +983,6 @@ class TokenTest(PageTest):
         self.until('isoscope.view.isExact')
         self.assertNotIn('token', self.browser.current_url)
 
-    def test_without_the_token_the_page_says_so(self):
-        # A tab of its own has no token of before.
-        first = self.browser.current_window_handle
-        self.browser.switch_to.new_window('tab')
-        try:
-            self.open(query='?theme=dark')
-            self.until('!document.getElementById("toast").hidden')
-            self.assertIn('open the address that was printed', self.browser.find_element(By.ID, 'toast').text)
-            self.until('/open the address that was printed/.test(isoscope.view.stats().notice)')
-        finally:
-            self.browser.close()
-            self.browser.switch_to.window(first)
-
     def test_a_token_of_another_page_is_not_sent(self):
         self.open_and_wait()
         # As a notebook's: the page has a token in its address that is its own affair.
@@ -1061,12 +1048,6 @@ class FailureTest(PageTest):
         self.assertTrue(self.js('return document.getElementById("notes").hidden'))
         self.assertEqual('', self.notice())
 
-    def test_an_unknown_dataset_of_a_link_is_a_sentence_on_the_view(self):
-        self.gateway.control(fail={'code': 5, 'message': 'dataset "gone": there are: "ball", "patient"'})
-        self.open('#dataset=gone&surface=1')
-        self.until('/there are: "ball", "patient"/.test(isoscope.view.stats().notice)')
-        self.assertIn('NOT_FOUND', self.notice())
-
     def test_a_lost_connection_is_said_and_comes_back_by_itself_with_the_state(self):
         self.open_and_wait()
         self.drag(60, 20)
@@ -1118,7 +1099,7 @@ class FailureTest(PageTest):
         self.until('/does not answer/.test(document.getElementById("save-note").textContent)')
 
 
-class RealTest(PageTest):
+class RealPageTest(PageTest):
     """The page of a real `isoscope view`, which ISOSCOPE_BIN has."""
 
     @classmethod
@@ -1162,6 +1143,8 @@ class RealTest(PageTest):
         with open(os.path.join(self.folder, 'picture.png'), 'rb') as file:
             return decode_png(file.read())
 
+
+class RealTest(RealPageTest):
     def test_the_address_of_isoscope_view_opens_what_was_asked_for(self):
         self.browser.get('about:blank')
         self.browser.get(f'{self.page}&max-side=420')

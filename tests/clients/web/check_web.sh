@@ -29,7 +29,8 @@ case "${1:-}" in
     ;;
   browser)
     # Debian's own: another Python first on the PATH has no python3-selenium.
-    exec /usr/bin/python3 browser_test.py
+    /usr/bin/python3 browser_test.py
+    exec /usr/bin/python3 browser_page_test.py
     ;;
   *)
     echo "usage: check_web.sh types | unit | command | browser" >&2

@@ -7,7 +7,8 @@ import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS } from '../../../clients/web/parameters.js';
 import {
-  colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash,
+  colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash, tokenOfHash,
+  tokenOfText, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -191,6 +192,23 @@ test('links of older versions open as they did', () => {
   assert.deepEqual(Object.keys(state), ['dataset', 'surfaces', 'clip', 'caps', 'lights', 'samples', 'ambientOcclusion', 'silhouette',
     'maxLayers', 'backgroundColor', 'camera']);
   assert.deepEqual(stateFromHash('#fit=surface&orthographic-height=7&eye=1,0,0&target=0,0,0&up=0,1,0').state.camera.orthographic, { height: 7 });
+});
+
+test('the token of a link with access is taken out of it, and the rest keeps its letters', () => {
+  const token = 'a+b/c=~.-_9&#';
+  const link = '#dataset=a%20b&surface=60:1,0.5,0';
+  for (const hash of [`${link}&token=${encodeURIComponent(token)}`, `#token=${encodeURIComponent(token)}&${link.slice(1)}`]) {
+    assert.equal(tokenOfHash(hash), token);
+    assert.equal(`#${withoutToken(hash)}`, link);
+  }
+  assert.deepEqual([tokenOfHash(link), tokenOfHash(''), tokenOfHash('#token='), tokenOfHash('#token=a+b')], ['', '', '', 'a+b']);
+});
+
+test('what people paste at the door is a token, or an address with one', () => {
+  for (const [text, token] of [[' abc\n', 'abc'], ['http://host:8080/?token=a%2Bb&dataset=head', 'a+b'], ['http://host/?theme=dark&token=x', 'x'],
+    ['http://host/#surface=6&token=x%2F', 'x/'], ['a+b/c=', 'a+b/c='], ['http://host/?token=%zz', '%zz'], ['', '']]) {
+    assert.equal(tokenOfText(text), token);
+  }
 });
 
 test('the command of a state quotes what a shell would read otherwise', () => {
