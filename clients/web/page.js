@@ -15,6 +15,7 @@ import { addCost, watchAgents } from './cost.js';
 import { closeDoor, isDoorClosed, listenToDoor } from './door.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
+import { listenToHelp } from './help.js';
 import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
 import { withColors } from './label-sets.js';
@@ -25,6 +26,7 @@ import { client, drawControlsBy, redraw, shown, start, stateOfAddress, takeToken
 import { clearPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
+import { listenToUndo } from './undo-controls.js';
 import { BACKGROUNDS, PALETTE, format, fromHex } from './values.js';
 import { stateToHash } from './view-state.js';
 
@@ -292,6 +294,15 @@ listenToClip();
 listenToPoints(series);
 listenToDownloads(series);
 loadDatasets();
+listenToHelp();
+listenToUndo((state) => {
+  series.rest();
+  if (state.dataset === shown.state.dataset) {
+    shown.setState(state);
+  } else {
+    open(state, []);
+  }
+}, () => series.isPlaying);
 listenToDoor(() => datasets.length === 0 && loadDatasets());
 whileShown(() => isDoorClosed() || watchAgents(), 5000);
 whileShown(() => isDoorClosed() || watchSteps(), 5000);

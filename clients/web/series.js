@@ -347,6 +347,11 @@ export class SeriesControls {
     this.draw();
   }
 
+  /** Ends a play. */
+  rest() {
+    this.player.stop();
+  }
+
   /** @param {number} delta */
   step(delta) {
     this.player.stop();

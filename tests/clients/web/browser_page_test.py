@@ -129,6 +129,86 @@ class ChoiceTest(base.PageTest):
         self.assertEqual(65, self.js('return isoscope.view.state.surfaces[0].isovalue'))
 
 
+class UndoTest(base.PageTest):
+    # Whether the buttons of undo and redo can be pressed.
+    BUTTONS = '[...document.querySelectorAll("#undo, #redo")].map((button) => !button.disabled).join()'
+
+    def press(self, *keys):
+        actions = base.ActionChains(self.browser)
+        for key in keys[:-1]:
+            actions = actions.key_down(key)
+        actions = actions.send_keys(keys[-1])
+        for key in keys[:-1]:
+            actions = actions.key_up(key)
+        actions.perform()
+
+    def until_eye(self, eye):
+        self.until(f'isoscope.view.isExact && Math.hypot(...isoscope.view.camera.eye.map((v, i) => v - {eye}[i])) < 1e-9')
+
+    def test_a_drag_is_one_entry_and_keys_and_buttons_go_back_and_forth(self):
+        self.open_and_wait()
+        first, eye = self.picture(), self.js('return isoscope.view.camera.eye')
+        base.time.sleep(0.6)  # the first view rests, and is an entry
+        self.assertEqual('false,false', self.js(f'return {self.BUTTONS}'))
+        self.drag(120, 40, steps=12)
+        self.until(f'{self.BUTTONS} === "true,false"')
+        turned = self.js('return isoscope.view.camera.eye')
+        self.press(Keys.CONTROL, 'z')
+        self.until_eye(eye)
+        self.assertEqual('false,true', self.js(f'return {self.BUTTONS}'), 'a drag is more than one entry')
+        self.assertEqual(1, self.share_of_equal(self.picture(), first))
+        self.press(Keys.CONTROL, Keys.SHIFT, 'z')
+        self.until_eye(turned)
+        self.browser.find_element(By.ID, 'undo').click()
+        self.until_eye(eye)
+        self.press(Keys.CONTROL, 'y')
+        self.until_eye(turned)
+
+    def test_settings_come_back_and_a_new_change_ends_the_way_forward(self):
+        self.open_and_wait()
+        base.time.sleep(0.6)
+        for isovalue in (60, 70):
+            self.js('isoscope.view.update({ surfaces: [{ isovalue: arguments[0] }] })', isovalue)
+            base.time.sleep(0.6)
+        self.browser.find_element(By.ID, 'undo').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].isovalue === 60')
+        self.until('document.querySelector("#surfaces input[type=number]").value === "60"')
+        self.js("const menu = document.getElementById('samples'); menu.value = '4'; menu.dispatchEvent(new Event('change'));")
+        self.until(f'{self.BUTTONS} === "true,false"')
+        self.browser.find_element(By.ID, 'undo').click()
+        self.until('isoscope.view.isExact && !isoscope.view.state.samples')
+
+    def test_undo_goes_back_to_the_dataset_before(self):
+        self.open_and_wait('#dataset=ball&surface=55')
+        base.time.sleep(0.6)
+        self.js("const menu = document.getElementById('dataset'); menu.value = 'patient'; menu.dispatchEvent(new Event('change'));")
+        self.until(f'isoscope.view.isExact && isoscope.view.state.dataset === "patient" && {self.BUTTONS} === "true,false"')
+        self.browser.find_element(By.ID, 'undo').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.dataset === "ball" && document.getElementById("dataset").value === "ball"')
+        self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+
+class HelpTest(base.PageTest):
+    def test_the_key_and_the_button_show_moves_keys_and_the_version(self):
+        self.open_and_wait()
+        self.js('isoscope.view.root.focus()')
+        base.ActionChains(self.browser).send_keys('?').perform()
+        self.until('document.getElementById("help").open')
+        text = self.browser.find_element(By.ID, 'help').text
+        for word in ('Mouse', 'Touch', 'Keys', 'two fingers', 'Ctrl-Z', 'Isoscope 1.2.3'):
+            self.assertIn(word.lower(), text.lower())
+        base.ActionChains(self.browser).send_keys(Keys.ESCAPE).perform()
+        self.until('!document.getElementById("help").open')
+        self.browser.find_element(By.ID, 'help-open').click()
+        self.until('document.getElementById("help").open')
+
+    def test_in_a_field_the_key_is_a_character(self):
+        self.open_and_wait('#dataset=organs&label=1')
+        self.until('!document.getElementById("labels").hidden')
+        self.browser.find_element(By.ID, 'label-set').send_keys('?')
+        self.assertFalse(self.js('return document.getElementById("help").open'))
+
+
 class RealDoorTest(base.RealPageTest):
     def test_a_wrong_token_meets_the_door_and_the_right_one_the_picture(self):
         address = urllib.parse.urlsplit(self.page)

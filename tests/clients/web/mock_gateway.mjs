@@ -383,7 +383,7 @@ async function respond(request, body, reply) {
   } else if (url.pathname === '/v1/datasets') {
     send({ datasets });
   } else if (url.pathname === '/v1/capabilities' && control.features) {
-    send({ features: control.features });
+    send({ version: '1.2.3', features: control.features });
   } else if (url.pathname === '/v1/status') {
     send({ agents: [] });
   } else if (parts[1] === 'datasets') {
