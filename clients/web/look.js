@@ -3,7 +3,7 @@
 
 import { COLOR_MAP_POINTS } from './color-maps.js';
 import { byId, make, page } from './elements.js';
-import { basisOf } from './isoscope-view.js';
+import { axisNamesOf, basisOf } from './isoscope-view.js';
 import { isNothing, isOfLabels } from './label-sets.js';
 import { announcer, say } from './messages.js';
 import { change, finiteRangeOf, shown } from './page-view.js';
@@ -80,6 +80,10 @@ export function listenToLook() {
 
 export function drawLook() {
   const { state } = shown;
+  axisNamesOf(shown.dataset).forEach((name, axis) => {
+    const option = page.quantity.querySelector(`option[value=${'xyz'[axis]}]`);
+    /** @type {HTMLOptionElement} */ (option).textContent = `position ${name}`;
+  });
   const colorBy = (state.surfaces ?? []).find((/** @type {any} */ surface) => surface.colorBy)?.colorBy;
   const quantity = colorByToKey(colorBy);
   page.quantity.value = quantity;
@@ -96,6 +100,7 @@ export function drawLook() {
     const opacity = colorBy?.opacity ? colorBy.opacity[end] ?? 0 : 1;
     input.value = String(opacity);
     input.setAttribute('aria-valuetext', percent(opacity));
+    /** @type {HTMLElement} */ (input.nextElementSibling).textContent = percent(opacity);
   }
   const showsSamples = Boolean(state.caps?.colorMap) ||
     (state.surfaces ?? []).some((/** @type {any} */ { colorBy: one }) => one?.quantity === 'QUANTITY_FIELD');

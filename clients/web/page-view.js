@@ -10,7 +10,7 @@ import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
 import { byId } from './elements.js';
 import { announcer } from './messages.js';
-import { BACKGROUNDS, fromHex, toHex } from './values.js';
+import { BACKGROUNDS, fromHex, paintedApart, toHex } from './values.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -99,7 +99,8 @@ export const start = stateOfAddress();
 
 export const shown = mount(byId('view', HTMLElement), { renderer,
   // Without colours that only the dataset knows, `open` sets it later.
-  state: start.state.surfaces && !start.state.surfaces.some(needsColor) ? start.state : undefined,
+  state: start.state.surfaces && !start.state.surfaces.some(needsColor) &&
+    paintedApart(start.state.surfaces).every((/** @type {any} */ one, /** @type {number} */ i) => one === start.state.surfaces[i]) ? start.state : undefined,
   maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.

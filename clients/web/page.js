@@ -27,7 +27,7 @@ import { clearPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { listenToUndo } from './undo-controls.js';
-import { BACKGROUNDS, PALETTE, format, fromHex } from './values.js';
+import { BACKGROUNDS, PALETTE, format, fromHex, paintedApart } from './values.js';
 import { stateToHash } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
@@ -188,7 +188,7 @@ async function open(state, problems) {
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
   filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
-  filled.surfaces = withColors(filled.surfaces, dataset);
+  filled.surfaces = paintedApart(withColors(filled.surfaces, dataset));
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();

@@ -7,6 +7,7 @@
 // Steps have numbers, which never change; the slider counts the steps that are served of the field.
 // @ts-check
 
+import { axisNamesOf } from './isoscope-view.js';
 import { toHex } from './values.js';
 import { fieldToWord, quantityFromJson } from './view-state.js';
 
@@ -441,5 +442,5 @@ export function titleOfColoring(colorBy, dataset) {
     return choiceOf(dataset, colorBy)?.label ?? fieldToWord(colorBy);
   }
   const quantity = quantityFromJson(colorBy.quantity);
-  return quantity === 'gradient' ? quantity : `position ${quantity}`;
+  return quantity === 'gradient' ? quantity : `position ${axisNamesOf(dataset)['xyz'.indexOf(quantity)]}`;
 }

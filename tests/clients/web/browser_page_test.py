@@ -209,6 +209,37 @@ class HelpTest(base.PageTest):
         self.assertFalse(self.js('return document.getElementById("help").open'))
 
 
+class NameTest(base.PageTest):
+    def test_axes_are_those_of_the_patient_wherever_they_are_named(self):
+        self.open_and_wait('#dataset=patient&surface=40&color-by=z:viridis')
+        self.until('document.querySelector("#clip [aria-valuetext]") && !document.getElementById("legend").hidden')
+        self.assertEqual(['position L', 'position P', 'position S'],
+                         self.js('return ["x", "y", "z"].map((one) => document.querySelector(`#quantity option[value=${one}]`).textContent)'))
+        self.assertIn('position S', self.browser.find_element(By.ID, 'legend').text)
+        self.assertEqual(['L', 'P', 'S'], [one.text for one in self.browser.find_elements(By.CSS_SELECTOR, '#clip .double > span:first-child')])
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.until('document.querySelector("#quantity option[value=z]").textContent === "position z"')
+        self.assertEqual(['x', 'y', 'z'], [one.text for one in self.browser.find_elements(By.CSS_SELECTOR, '#clip .double > span:first-child')])
+
+    def test_surfaces_are_told_apart_by_colour(self):
+        self.open_and_wait()
+        self.browser.find_element(By.ID, 'add').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.length === 2')
+        self.assertEqual(['#dcc8b4', '#56b4e9'], self.colors())
+        self.open_and_wait('#dataset=ball&isovalue=30,60,80')
+        self.until('document.querySelectorAll("#surfaces li").length === 3')
+        self.assertEqual(['#dcc8b4', '#56b4e9', '#d55e00'], self.colors())
+
+    def colors(self):
+        return self.js('return [...document.querySelectorAll("#surfaces input[type=color]")].map((one) => one.value)')
+
+    def test_the_two_opacities_of_a_colour_map_have_labels_of_their_own(self):
+        self.open_and_wait('#dataset=ball&surface=40&color-by=z:viridis::0.5,1')
+        self.until('document.querySelector("[for=opacity-min]").offsetHeight > 0')
+        rows = self.js('return ["min", "max"].map((end) => document.getElementById(`opacity-${end}`).parentElement.textContent.trim())')
+        self.assertEqual(['Opacity, low50 %', 'Opacity, high100 %'], rows)
+
+
 class RealDoorTest(base.RealPageTest):
     def test_a_wrong_token_meets_the_door_and_the_right_one_the_picture(self):
         address = urllib.parse.urlsplit(self.page)

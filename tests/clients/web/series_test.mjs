@@ -66,6 +66,7 @@ test('the legend has the name and the unit of a field', () => {
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_FIELD', field: 'velocity', component: 'x' }, FLOW), 'velocity x (m/s)');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_FIELD', field: 'hue' }, FLOW), 'hue');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_POSITION_Z' }, FLOW), 'position z');
+  assert.equal(titleOfColoring({ quantity: 'QUANTITY_POSITION_Z' }, { patientFrame: 'LPS' }), 'position S');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_GRADIENT_MAGNITUDE' }, PLAIN), 'gradient');
 });
 
