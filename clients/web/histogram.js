@@ -208,7 +208,7 @@ export function listenToHistogram() {
   chart.addEventListener('pointerdown', (event) => {
     const distances = levelsNow().map(({ surface }) => Math.abs(toChart(surface.isovalue ?? 0) - x(event)));
     const nearest = distances.indexOf(Math.min(...distances));
-    dragged = distances[nearest] < 12 ? levelsNow()[nearest].index : -1;
+    dragged = distances[nearest] < (event.pointerType === 'touch' ? 24 : 12) ? levelsNow()[nearest].index : -1;
     if (dragged >= 0) {
       chart.setPointerCapture(event.pointerId);
       event.preventDefault();

@@ -8,8 +8,8 @@ import { isNothing, isOfLabels } from './label-sets.js';
 import { announcer, say } from './messages.js';
 import { change, finiteRangeOf, shown } from './page-view.js';
 import { COLOR_MAPS, EFFECTS } from './parameters.js';
-import { legendOf } from './series.js';
-import { format, fromHex, percent, toHex } from './values.js';
+import { choiceOf, legendOf } from './series.js';
+import { format, fromHex, percent, toHex, whyBeyond } from './values.js';
 import { defaultNanColor, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, stateToHash } from './view-state.js';
 
 /** @param {boolean} [isMoving] */
@@ -149,21 +149,41 @@ export function drawLegend(frame) {
   }
 }
 
-let notesDrawn = '';
+/** Of the server, for the surfaces and the step of `of`. @type {{of: string, notes: any[]}} */
+let serverNotes = { of: '', notes: [] };
+const notedNow = () => JSON.stringify([shown.state.surfaces, shown.state.selection]);
+
 /**
- * Shows why surfaces do not show. Only exact pictures have notes; the last ones stay while the picture moves.
+ * Keeps what the server says of surfaces that do not show. Only exact pictures have notes; the last ones stay while
+ * the picture moves.
  * @param {any} frame of the response @param {boolean} isExact
  */
-export function drawNotes(frame, isExact) {
-  if (!frame || !isExact) {
-    return;
+export function takeNotes(frame, isExact) {
+  if (frame && isExact) {
+    serverNotes = { of: notedNow(), notes: frame.notes ?? [] };
+    drawNotes();
   }
+}
+
+let notesDrawn = '';
+/** Shows why surfaces do not show: at once where the isovalue is beyond the samples, else as the server says. */
+export function drawNotes() {
   const { surfaces = [], selection } = shown.state;
-  const notes = (frame.notes ?? []).filter((/** @type {any} */ note) => {
-    const surface = surfaces[note.surfaceIndex ?? 0];
-    return !surface || !isNothing(surface, finiteRangeOf(shown.dataset, selection));
+  const range = finiteRangeOf(shown.dataset, selection);
+  const unit = choiceOf(shown.dataset, selection)?.field.unit;
+  /** @type {Map<number, string>} */
+  const beyond = new Map();
+  surfaces.forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
+    const why = isOfLabels(surface) ? '' : whyBeyond(surface.isovalue ?? 0, range, unit);
+    if (why) {
+      beyond.set(i, why);
+    }
   });
-  const text = notes.map((/** @type {any} */ { message }) => message).join('\n');
+  const others = serverNotes.of !== notedNow() ? [] : serverNotes.notes.filter((/** @type {any} */ { surfaceIndex = 0 }) => {
+    const surface = surfaces[surfaceIndex];
+    return !beyond.has(surfaceIndex) && (!surface || !isNothing(surface, range));
+  }).map((/** @type {any} */ { message }) => message);
+  const text = [...beyond.values(), ...others].join('\n');
   if (text !== notesDrawn) {
     notesDrawn = text;
     page.notes.textContent = text;

@@ -20,10 +20,10 @@ import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, sugge
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
 import { withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
-import { drawLegend, drawLook, drawNotes, listenToLook } from './look.js';
+import { drawLegend, drawLook, drawNotes, listenToLook, takeNotes } from './look.js';
 import { announcer, say } from './messages.js';
 import { client, drawControlsBy, redraw, shown, start, stateOfAddress, takeTokenAgain, theme } from './page-view.js';
-import { clearPoints, listenToPoints } from './points.js';
+import { clearPoints, drawPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { listenToUndo } from './undo-controls.js';
@@ -207,7 +207,7 @@ function drawViews() {
     viewsDrawn = names.join();
     page.views.replaceChildren(...names.map((name, i) => make('button', { title: `Look from the side “${name}” (key ${i + 1})`,
       'data-view': name, onclick: () => shown.lookFrom(name) }, name[0].toUpperCase() + name.slice(1))),
-    make('button', { title: 'Show all of it (key 0)', onclick: () => shown.reset() }, 'Fit'));
+    make('button', { title: 'Show all of it (key 0)', 'data-view': 'fit', onclick: () => shown.reset() }, 'Fit'));
   }
 }
 
@@ -216,11 +216,14 @@ function drawControls() {
     page.facts.textContent = factsOf(shown.dataset);
   }
   series.draw();
+  byId('stage', HTMLElement).classList.toggle('has-time', !byId('timeline', HTMLElement).hidden);
   followHistogram(series.isPlaying);
   drawHistogram();
   drawSurfaces();
   drawLabels();
   drawLook();
+  drawNotes();
+  drawPoints();
   drawClip();
   drawViews();
 }
@@ -248,7 +251,7 @@ shown.addEventListener('frame', (event) => {
     addCost(header.frame.statistics);
   }
   drawLegend(header.frame);
-  drawNotes(header.frame, Boolean(header.isExact));
+  takeNotes(header.frame, Boolean(header.isExact));
   series.frameShown(header.frame);
   pillChanged();
 });

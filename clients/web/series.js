@@ -228,6 +228,12 @@ export class SeriesControls {
     return stepsOf(this.view.dataset, this.choice?.field);
   }
 
+  /** The scalar and the step that the state means, as one word. */
+  get stepKey() {
+    const { steps } = this;
+    return `${this.choice?.word ?? ''}@${steps[indexOfStep(steps, this.view.state.selection)]?.number ?? ''}`;
+  }
+
   get isPlaying() {
     return this.player.isPlaying;
   }

@@ -77,6 +77,18 @@ export function tidyRange({ min, max }) {
 }
 export const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
 
+/**
+ * Why an isovalue has no surface, where that is seen by the range of the samples; '' if it may have one.
+ * @param {number} isovalue @param {{min?: number, max?: number} | undefined} range @param {string} [unit]
+ */
+export function whyBeyond(isovalue, range, unit = '') {
+  const [min, max] = [Number(range?.min ?? 0), Number(range?.max ?? 0)];
+  if (!range || isovalue > min && isovalue <= max) {
+    return '';
+  }
+  return `Isovalue ${format(isovalue)} has no surface: the samples are from ${format(min)} to ${`${format(max)} ${unit}`.trimEnd()}.`;
+}
+
 /** @param {number} share */
 export const percent = (share) => `${Math.round(100 * share)} %`;
 

@@ -16,7 +16,7 @@ import { sub, vecFromJson } from './vectors.js';
 /** @typedef {import('./picture.js').Picture} Picture */
 
 /**
- * @typedef {{position: Vec3, label?: string}} Pin
+ * @typedef {{position: Vec3, label?: string, isStale?: boolean}} Pin `isStale`: faded
  * @typedef {{red?: number, green?: number, blue?: number}} Rgb
  * @typedef {{camera: Camera, frame: ShownFrame | null, box: Box | null, clipBox: Box | null,
  *   axisNames: string[], pins: Pin[], ink: string, halo: string, showBox: boolean}} Scene
@@ -130,6 +130,7 @@ function drawPins(context, toScreen, pins, halo) {
   for (const pin of pins) {
     const at = toScreen(pin.position);
     if (at.isSeen) {
+      context.globalAlpha = pin.isStale ? 0.35 : 1;
       context.beginPath();
       context.arc(at.x, at.y, 5, 0, 2 * Math.PI);
       context.fillStyle = MARK_COLOR;
@@ -142,6 +143,7 @@ function drawPins(context, toScreen, pins, halo) {
       }
     }
   }
+  context.globalAlpha = 1;
 }
 
 /**

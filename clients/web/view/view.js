@@ -143,7 +143,7 @@ export class View extends EventTarget {
 
   /**
    * Marks points of the scene.
-   * @param {{position: Vec3, label?: string}[]} pins
+   * @param {{position: Vec3, label?: string, isStale?: boolean}[]} pins a stale one fades
    */
   setPins(pins) {
     this.loop.overlay.pins = pins;

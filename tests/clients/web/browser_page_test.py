@@ -18,6 +18,19 @@ if base.webdriver is not None:
     from selenium.webdriver.common.keys import Keys
 
 
+@contextlib.contextmanager
+def size_of(browser, width, height, scale=1, is_touch=False):
+    """A window of this size in CSS pixels, with so many device pixels for each."""
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride',
+                            {'width': width, 'height': height, 'deviceScaleFactor': scale, 'mobile': is_touch})
+    browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': is_touch, **({'maxTouchPoints': 2} if is_touch else {})})
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+        browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': False})
+
+
 class DoorTest(base.PageTest):
     TOKEN = base.TokenTest.TOKEN
     IS_CLOSED = '!document.getElementById("door").hidden'
@@ -238,6 +251,137 @@ class NameTest(base.PageTest):
         self.until('document.querySelector("[for=opacity-min]").offsetHeight > 0')
         rows = self.js('return ["min", "max"].map((end) => document.getElementById(`opacity-${end}`).parentElement.textContent.trim())')
         self.assertEqual(['Opacity, low50 %', 'Opacity, high100 %'], rows)
+
+
+class NoteTest(base.PageTest):
+    def test_an_isovalue_beyond_the_samples_says_so_at_once_with_their_range(self):
+        # Also by a server that tells no reasons.
+        self.gateway.control(features=None)
+        self.open_and_wait('#dataset=ball&surface=400')
+        notes = 'document.getElementById("notes")'
+        self.until(f'{notes}.textContent === "Isovalue 400 has no surface: the samples are from 0 to 100."')
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 40 }] })')
+        self.until(f'isoscope.view.isExact && {notes}.hidden')
+        self.open_and_wait('#dataset=flow&surface=-5&field=velocity:x')
+        self.until(f'{notes}.textContent === "Isovalue -5 has no surface: the samples are from -2 to 50 m/s."')
+
+    def test_what_the_page_says_by_itself_is_not_said_again_by_the_server(self):
+        self.gateway.control(note='isovalue 400 has no surface: so says the server')
+        self.open_and_wait('#dataset=ball&surface=400')
+        self.until('!document.getElementById("notes").hidden')
+        self.assertNotIn('so says the server', self.browser.find_element(By.ID, 'notes').text)
+
+
+class PointTest(base.PageTest):
+    def pick(self, x, y):
+        count = self.js('return isoscope.view.loop.overlay.pins.length')
+        view = self.browser.find_element(By.ID, 'view')
+        base.ActionChains(self.browser).move_to_element_with_offset(view, x, y).click().perform()
+        self.until(f'isoscope.view.loop.overlay.pins.length === {min(2, count + 1)}')
+
+    def stale(self):
+        return self.js('return isoscope.view.loop.overlay.pins.map((pin) => Boolean(pin.isStale))')
+
+    def test_points_of_another_isovalue_fade_and_come_back_with_it(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.pick(10, 10)
+        self.assertEqual([False], self.stale())
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 60 }] })')
+        self.until('isoscope.view.loop.overlay.pins[0].isStale && isoscope.view.isExact')
+        self.assertEqual(1, len(self.browser.find_elements(By.CSS_SELECTOR, '#points .stale')))
+        pixel = base.ControlTest.PIXEL
+        self.until(f'{pixel}(10, 10)[3] > 0 && {pixel}(10, 10)[3] < 200')
+        self.pick(-20, 15)
+        self.assertEqual([True, False], self.stale())
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 40 }] })')
+        self.until('!isoscope.view.loop.overlay.pins[0].isStale')
+        self.assertEqual([False, True], self.stale())
+
+    def test_points_of_another_step_fade(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1')
+        self.until('document.getElementById("step").max === "5"')
+        self.pick(5, 5)
+        self.browser.find_element(By.ID, 'step-on').click()
+        self.until('isoscope.view.loop.overlay.pins[0].isStale')
+
+    def test_the_panel_has_units_and_names_of_axes_and_no_numbers_of_blocks(self):
+        self.open_and_wait('#dataset=patient&surface=40')
+        self.pick(10, 10)
+        text = self.browser.find_element(By.ID, 'points').text
+        self.assertRegex(text, r'L, P, S\s+[-0-9.,]+, [-0-9.,]+, [-0-9.,]+ mm')
+        for word in ('block', 'shard'):
+            self.assertNotIn(word, text)
+        self.open_and_wait('#dataset=flow&surface=40&step=3')
+        self.pick(0, 0)
+        self.assertRegex(self.browser.find_element(By.ID, 'points').text, r'value\s+40 Pa')
+
+    def test_points_are_copied_as_a_table_with_all_digits(self):
+        self.open_and_wait('#dataset=patient&surface=40')
+        self.pick(10, 10)
+        self.pick(-40, 20)
+        self.js('navigator.clipboard.writeText = async (text) => { window.copied = text; };')
+        self.browser.find_element(By.ID, 'points-copy').click()
+        self.until('window.copied')
+        titles, a, b = [line.split(',') for line in self.js('return window.copied').splitlines()]
+        self.assertEqual(['point', 'L (mm)', 'P (mm)', 'S (mm)', 'value', 'normal L', 'normal P', 'normal S'], titles)
+        pins = self.js('return isoscope.view.loop.overlay.pins.map((pin) => pin.position)')
+        for name, row, position in (('A', a, pins[0]), ('B', b, pins[1])):
+            self.assertEqual((name, '40'), (row[0], row[4]))
+            self.assertEqual(position, [float(cell) for cell in row[1:4]])
+
+    def test_the_panel_is_moved_by_a_drag_and_by_keys_and_stays_within_the_picture(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.pick(10, 10)
+        panel, handle = self.browser.find_element(By.ID, 'points'), self.browser.find_element(By.ID, 'points-handle')
+        before, grip = panel.rect, 15 - handle.size['width'] // 2
+        base.ActionChains(self.browser, duration=10).move_to_element_with_offset(handle, grip, 0).click_and_hold().move_by_offset(150, 90).release().perform()
+        moved = panel.rect
+        self.assertEqual((before['x'] + 150, before['y'] + 90), (moved['x'], moved['y']))
+        handle.send_keys(Keys.ARROW_LEFT)
+        self.assertEqual(moved['x'] - 16, panel.rect['x'])
+        base.ActionChains(self.browser, duration=10).move_to_element_with_offset(handle, grip, 0).click_and_hold().move_by_offset(-400, -300).release().perform()
+        stage = self.browser.find_element(By.ID, 'stage').rect
+        self.assertEqual((stage['x'], stage['y']), (panel.rect['x'], panel.rect['y']))
+        self.assertEqual(1, len(self.js('return isoscope.view.loop.overlay.pins')), 'a drag of the panel picks')
+
+
+class SentenceTest(base.PageTest):
+    BOXES = '''const box = (element) => { const { left, top, right, bottom } = element.getBoundingClientRect(); return [left, top, right, bottom]; };
+        return [document.getElementById('timeline'), document.getElementById('toast'), isoscope.view.loop.elements.notice].map(box);'''
+
+    @staticmethod
+    def overlap(a, b):
+        return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+    def test_sentences_leave_the_time_bar_free_at_every_size(self):
+        for width, height in ((1440, 900), (900, 700), (390, 844)):
+            with self.subTest(f'{width} x {height}'), size_of(self.browser, width, height):
+                self.open_and_wait('#dataset=flow&surface=40&step=1&nonsense=1')
+                self.until('!document.getElementById("toast").hidden && !document.getElementById("timeline").hidden')
+                self.js("isoscope.view.loop.notices.problem('The server says something of a usual length, which takes more than a line.')")
+                bar, toast, notice = self.js(self.BOXES)
+                self.assertGreater(toast[3], toast[1])
+                self.assertFalse(self.overlap(bar, toast), f'{bar} and the toast {toast}')
+                self.assertFalse(self.overlap(bar, notice), f'{bar} and the notice {notice}')
+
+
+class PhoneTest(base.PageTest):
+    def test_a_phone_has_fit_and_views_and_targets_for_fingers(self):
+        with size_of(self.browser, 390, 844, is_touch=True):
+            self.open_and_wait('#dataset=patient&surface=40:1,0,0:0.5&surface=70&color-by=z:viridis&clip-plane=0.5,0.25,1,20')
+            self.until('document.querySelector("[data-view=fit]") && document.querySelector("#clip [aria-valuetext]")')
+            self.assertTrue(self.js('return matchMedia("(pointer: coarse)").matches'))
+            small = self.js('''return [...document.querySelectorAll('button, select, input, .switch, .thumb')]
+                .map((element) => element.closest('.switch') ?? element.closest('.slider') ?? element)
+                .filter((element) => element.offsetParent !== null && !element.closest('dialog'))
+                .map((element) => [element.id || element.className || element.textContent, element.getBoundingClientRect().height])
+                .filter(([, height]) => height < 44)''')
+            self.assertEqual([], small)
+            self.assertTrue(self.js('const box = document.querySelector("[data-view=fit]").getBoundingClientRect(); return box.left >= 0 && box.right <= 390'))
+            eye = self.js('return isoscope.view.camera.eye')
+            self.browser.find_element(By.CSS_SELECTOR, '[data-view=anterior]').click()
+            self.until(f'isoscope.view.isExact && isoscope.view.camera.eye[1] !== {eye[1]}')
+            self.assertFalse(self.js('return document.documentElement.scrollWidth > 390'), 'the page is wider than the phone')
 
 
 class RealDoorTest(base.RealPageTest):
