@@ -101,7 +101,7 @@ export const shown = mount(byId('view', HTMLElement), { renderer,
   // Without colours that only the dataset knows, `open` sets it later.
   state: start.state.surfaces && !start.state.surfaces.some(needsColor) &&
     paintedApart(start.state.surfaces).every((/** @type {any} */ one, /** @type {number} */ i) => one === start.state.surfaces[i]) ? start.state : undefined,
-  maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
+  maxSide: Number(query.get('max-side')) || undefined, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };

@@ -267,7 +267,7 @@ const quietPill = quietly(drawPill);
 let pillKind = '';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
-  const kind = !shown.loop.connection.isOpen ? 'closed' : shown.isExact ? 'exact' : 'moving';
+  const kind = !shown.loop.connection.isOpen ? 'closed' : !shown.isExact ? 'moving' : shown.isScaled ? 'scaled' : 'exact';
   if (kind !== pillKind) {
     pillKind = kind;
     drawPill();
@@ -277,12 +277,13 @@ function pillChanged() {
 }
 function drawPill() {
   const stats = shown.stats();
-  const kind = !stats.isConnected ? 'closed' : stats.isExact ? 'exact' : 'moving';
+  // Exact are only the pixels of the server.
+  const kind = !stats.isConnected ? 'closed' : !stats.isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact';
   page.state.className = `pill ${kind}`;
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
-    : `moving${rate}${latency}`;
+    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : `moving${rate}${latency}`;
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {
     label.textContent = text;

@@ -11,6 +11,7 @@ const STYLE = `
 .view:focus-visible { box-shadow: inset 0 0 0 2px #6aa8ff; }
 canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
 canvas.plain { object-fit: contain; }
+canvas.whole { image-rendering: pixelated; }
 canvas.overlay { pointer-events: none; }
 canvas.axes { inset: auto auto 0 0; width: ${AXES_PX}px; height: ${AXES_PX}px; }
 canvas.scale-bar { inset: auto 20px 20px auto; width: ${SCALE_BAR_PX + 24}px; height: 38px; }

@@ -79,6 +79,11 @@ export class View extends EventTarget {
     return this.isCurrent && this.loop.picture.frame?.isExact === true;
   }
 
+  /** Whether the picture has other pixels than the screen, which scales it. */
+  get isScaled() {
+    return this.loop.picture.frame !== null && !this.loop.picture.isWhole;
+  }
+
   /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
   getState() {
     return this.loop.model.toState();
@@ -156,6 +161,7 @@ export class View extends EventTarget {
     return {
       ...statistics.summary(),
       isExact: this.isExact,
+      isScaled: this.isScaled,
       isConnected: connection.isOpen,
       transport: connection.name,
       renderer: picture.screen.name,

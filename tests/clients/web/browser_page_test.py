@@ -384,6 +384,76 @@ class PhoneTest(base.PageTest):
             self.assertFalse(self.js('return document.documentElement.scrollWidth > 390'), 'the page is wider than the phone')
 
 
+class PixelTest(base.PageTest):
+    QUERY = '?theme=dark'
+    # The canvas of the picture, in its own pixels and in those of the device.
+    CANVAS = '''const { canvas } = isoscope.view.loop.picture.screen; const box = canvas.getBoundingClientRect();
+        return [canvas.width, canvas.height, Math.round(box.width * devicePixelRatio), Math.round(box.height * devicePixelRatio)];'''
+
+    def state_text(self):
+        return self.browser.find_element(By.ID, 'state').text
+
+    def test_at_rest_the_picture_has_the_pixels_of_the_device_and_is_called_exact(self):
+        for width, height, scale in ((700, 420, 1), (500, 300, 2), (430, 300, 1.5)):
+            with self.subTest(f'{width} x {height} @{scale}'), size_of(self.browser, width, height, scale):
+                self.open_and_wait('#dataset=ball&surface=40')
+                self.until('/^exact/.test(document.getElementById("state").textContent)')
+                across, down, device_across, device_down = self.js(self.CANVAS)
+                self.assertEqual((device_across, device_down), (across, down))
+                self.assertEqual(f'exact · {across} × {down}', self.state_text())
+                self.assertEqual('pixelated', self.js('return getComputedStyle(isoscope.view.loop.picture.screen.canvas).imageRendering'))
+                self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_a_picture_of_more_than_2048_pixels_is_drawn_where_the_server_allows_it(self):
+        with size_of(self.browser, 1400, 120, 2):
+            self.open_and_wait('#dataset=ball&surface=40')
+            self.until('isoscope.view.stats().width > 2048')
+            self.until('/^exact/.test(document.getElementById("state").textContent)')
+
+    def test_a_picture_that_the_screen_scales_is_not_called_exact(self):
+        self.gateway.control(maxViewportPx=300)
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.until('isoscope.view.isExact && /^scaled from 300 ×/.test(document.getElementById("state").textContent)')
+        self.assertEqual('auto', self.js('return getComputedStyle(isoscope.view.loop.picture.screen.canvas).imageRendering'))
+        self.open_and_wait('#dataset=ball&surface=40', query='?theme=dark&max-side=420')
+        self.until('/^scaled from 420 ×/.test(document.getElementById("state").textContent)')
+
+    def test_a_server_without_memory_for_all_pixels_is_asked_for_fewer_and_for_all_once_less_is_shown(self):
+        with size_of(self.browser, 1100, 700):
+            self.open_and_wait('#dataset=ball&surface=40:1,0,0:0.5&surface=70')
+            whole = self.js('return [isoscope.view.stats().width, isoscope.view.stats().height]')
+            self.gateway.control(mostPixels=whole[0] * whole[1] * 0.6)
+            self.js('isoscope.view.update({ samples: 4 })')
+            self.until('isoscope.view.isExact && /^scaled from/.test(document.getElementById("state").textContent)')
+            self.assertLess(self.js('return isoscope.view.stats().width'), whole[0])
+            self.assertEqual('', self.notice())
+            self.gateway.control(mostPixels=None)
+            self.js('isoscope.view.update({ samples: undefined })')
+            self.until(f'isoscope.view.isExact && isoscope.view.stats().width === {whole[0]}')
+            self.until('/^exact/.test(document.getElementById("state").textContent)')
+
+
+class SmoothTest(PixelTest):
+    """WebGL2 by the processor: the same shaders, slowly."""
+    QUERY = '?theme=dark&renderer=webgl2'
+
+    def test_a_moving_frame_is_enlarged_without_blocks(self):
+        with size_of(self.browser, 700, 420):
+            self.open_and_wait('#dataset=ball&surface=40')
+            self.assertEqual('webgl2', self.js('return isoscope.view.stats().renderer'))
+            # A frame of 8 x 6 pixels, of which every second column is white.
+            self.js('''const small = document.createElement('canvas'); small.width = 8; small.height = 6;
+                const context = small.getContext('2d'); context.fillStyle = '#000'; context.fillRect(0, 0, 8, 6);
+                context.fillStyle = '#fff'; for (let x = 0; x < 8; x += 2) context.fillRect(x, 0, 1, 6);
+                return createImageBitmap(small).then((bitmap) => { const { picture } = isoscope.view.loop;
+                  picture.show(bitmap, { width: 8, height: 6, camera: isoscope.view.camera, grid: null, isExact: false, background: [0, 0, 0] }); });''')
+            width, height, rows = self.picture()
+            middle = [pixel[0] for pixel in rows[height // 2][2 * width // 5:3 * width // 5]]
+            steps = [abs(a - b) for a, b in zip(middle, middle[1:])]
+            self.assertGreater(max(middle) - min(middle), 60)
+            self.assertLess(max(steps), 40, 'pixels of the small frame have edges')
+
+
 class RealDoorTest(base.RealPageTest):
     def test_a_wrong_token_meets_the_door_and_the_right_one_the_picture(self):
         address = urllib.parse.urlsplit(self.page)
