@@ -2,6 +2,7 @@
 // @ts-check
 
 import { COLOR_MAP_POINTS } from './color-maps.js';
+import { drawColorRange, listenToColorRange } from './color-range.js';
 import { byId, make, page } from './elements.js';
 import { axisNamesOf, basisOf } from './isoscope-view.js';
 import { isNothing, isOfLabels } from './label-sets.js';
@@ -57,6 +58,10 @@ export function listenToLook() {
     changeColorBy();
   };
   page.map.onchange = page.rangeMin.onchange = page.rangeMax.onchange = () => changeColorBy();
+  listenToColorRange(({ min, max }) => {
+    [page.rangeMin.value, page.rangeMax.value] = [String(min), String(max)];
+    changeColorBy();
+  });
   page.opacityMin.oninput = page.opacityMax.oninput = () => changeColorBy(true);
   page.nanColor.oninput = () => change({ nanColor: fromHex(page.nanColor.value) }, true);
   page.nanDefault.onclick = () => change({ nanColor: undefined });
@@ -89,6 +94,7 @@ export function drawLook() {
   page.quantity.value = quantity;
   const isMapped = quantity !== 'none' && quantity !== 'normal';
   document.querySelectorAll('[data-for=map]').forEach((row) => { /** @type {HTMLElement} */ (row).hidden = !isMapped; });
+  drawColorRange();
   page.map.value = colorMapFromJson(colorBy?.colorMap);
   for (const [input, end] of /** @type {[HTMLInputElement, string][]} */ ([[page.rangeMin, 'min'], [page.rangeMax, 'max']])) {
     if (document.activeElement !== input) {

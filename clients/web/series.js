@@ -84,6 +84,17 @@ export function histogramWords(dataset, selection) {
 }
 
 /**
+ * The range of the samples that a histogram has counted, to the width of its bins, within the range of all steps.
+ * @param {any} histogram a GetHistogramResponse @param {{min: number, max: number} | null} whole
+ * @returns {{min: number, max: number} | null} null if no samples were counted
+ */
+export function rangeOfBins({ bins = [], hasSampleCounts = false }, whole) {
+  const filled = hasSampleCounts ? bins.filter((/** @type {any} */ { sampleCount = 0 }) => Number(sampleCount) > 0) : [];
+  return filled.length === 0 ? null : { min: Math.max(Number(filled[0].min ?? 0), whole?.min ?? -Infinity),
+    max: Math.min(Number(filled.at(-1).max ?? 0), whole?.max ?? Infinity) };
+}
+
+/**
  * Whether each field of a dataset is served at the step that a selection means, so that a pick can have all values.
  * @param {any} dataset @param {any} selection
  */

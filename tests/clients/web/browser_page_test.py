@@ -454,6 +454,34 @@ class SmoothTest(PixelTest):
             self.assertLess(max(steps), 40, 'pixels of the small frame have edges')
 
 
+class RangeTest(base.PageTest):
+    RANGE = 'isoscope.view.state.surfaces[0].colorBy.range'
+
+    def test_colours_take_the_range_of_the_step_and_that_of_all_steps(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1&color-by=velocity:x:viridis')
+        self.until('document.getElementById("range-step").offsetHeight > 0')
+        self.gateway.control(reset=True)
+        self.browser.find_element(By.ID, 'range-step').click()
+        # The mock counts samples from 0 to 100 at each step; over all steps they are -2 to 50.
+        self.until(f'isoscope.view.isExact && {self.RANGE}')
+        self.assertEqual({'min': 0, 'max': 50}, self.js(f'return {self.RANGE}'))
+        self.assertIn('/v1/datasets/flow/histogram?bins=4096&field=velocity&component=x&step=1', self.gateway.control()['targets'])
+        self.browser.find_element(By.ID, 'range-all').click()
+        self.until(f'isoscope.view.isExact && {self.RANGE}.min === -2')
+        self.assertEqual({'min': -2, 'max': 50}, self.js(f'return {self.RANGE}'))
+        self.until('document.getElementById("range-min").value === "-2" && document.getElementById("range-max").value === "50"')
+
+    def test_a_position_has_no_steps(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1&color-by=z:viridis')
+        self.until('document.getElementById("map").offsetHeight > 0')
+        self.assertEqual(0, self.js('return document.getElementById("range-step").offsetHeight'))
+
+    def test_a_step_that_a_field_lacks_has_no_range(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=5&color-by=velocity:x:viridis')
+        self.until('document.getElementById("range-step").offsetHeight > 0')
+        self.assertTrue(self.js('return document.getElementById("range-step").disabled'))
+
+
 class RealDoorTest(base.RealPageTest):
     def test_a_wrong_token_meets_the_door_and_the_right_one_the_picture(self):
         address = urllib.parse.urlsplit(self.page)
