@@ -178,22 +178,39 @@ export function tokenOfText(text) {
  */
 export const withoutToken = (hash) => hash.replace(/^#/, '').split('&').filter((word) => !word.startsWith('token=')).join('&');
 
-/** Its reader knows the coordinator's address, the page does not. */
-const COMMAND = 'isoscope render --server HOST:50051';
+/** @param {string} value as a shell takes it */
+const quoted = (value) => /^[\w.,:+/-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`;
+
+/**
+ * What the command reads: the file that `isoscope view` was given, else a server. Its reader knows the coordinator's
+ * address and the file of its token, the page does not.
+ * @param {{file?: string, hasToken?: boolean}} source
+ */
+const inputWords = ({ file, hasToken }) => file ? [`isoscope render ${quoted(file.startsWith('-') ? `./${file}` : file)}`]
+  : ['isoscope render --server HOST:50051', ...(hasToken ? ['--token-file TOKEN_FILE'] : [])];
+
+/**
+ * The file of a dataset that `isoscope view` has made of one: its name ends with 16 digits of the content. '' of others.
+ * @param {any} dataset
+ */
+export const fileOf = (dataset) => /-[0-9a-f]{16}$/.test(dataset?.name ?? '') ? String(dataset.source ?? '') : '';
 
 /**
  * Returns the command that draws the same picture. A fitted view has its own camera once the server
  * has answered. Until then the command has the initial camera, because it takes no fit with a
  * camera.
  * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
+ * @param {{file?: string, hasToken?: boolean}} [source] `file` in place of a server and its dataset
  */
-export function stateToCommand(state, file, size) {
-  const flags = stateToWords(state.camera ? { ...state, cameraFit: undefined } : state).map(([name, value]) =>
-    value === '' ? `--${name}` : `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
+export function stateToCommand(state, file, size, source = {}) {
+  const { dataset, ...rest } = state;
+  const whole = source.file ? rest : { dataset, ...rest };
+  const flags = stateToWords(state.camera ? { ...whole, cameraFit: undefined } : whole).map(([name, value]) =>
+    value === '' ? `--${name}` : `--${name} ${quoted(value)}`);
   if (size) {
     flags.push(`--width ${size.width}`, `--height ${size.height}`);
   }
-  return [COMMAND, ...flags, `--output ${file}`].join(' \\\n  ');
+  return [...inputWords(source), ...flags, `--output ${file}`].join(' \\\n  ');
 }
 
 /** A link that is read: its state so far, and a sentence for each part that is wrong and left out. */

@@ -429,8 +429,14 @@ class ControlTest(PageTest):
         self.open_and_wait()
         self.browser.find_element(By.ID, 'save').click()
         self.assertIn('isoscope render --server', self.browser.find_element(By.ID, 'command').text)
-        self.js('''document.getElementById('width').value = 90; document.getElementById('height').value = 60;
-            document.getElementById('transparent').click(); document.getElementById('save-png').click();''')
+        self.js('''for (const [id, value] of [['width', 90], ['height', 60]]) {
+              const field = document.getElementById(id); field.value = value; field.dispatchEvent(new Event('input')); }
+            document.getElementById('transparent').click();''')
+        # The command is that of the picture that is downloaded.
+        command = self.browser.find_element(By.ID, 'command').text
+        for words in ('--width 90', '--height 60', '--samples 4', '--background 0,0,0,0'):
+            self.assertIn(words, command)
+        self.js("document.getElementById('save-png').click()")
         self.until('/B$/.test(document.getElementById("save-note").textContent)')
         render = self.gateway.control()['renders'][-1]
         self.assertEqual(({'widthPx': 90, 'heightPx': 60}, 4), (render['viewport'], render['samples']))
@@ -1129,15 +1135,15 @@ class RealPageTest(PageTest):
 
     def command_line(self):
         """The picture of the command that the page shows, on the same volume."""
-        self.js('document.getElementById("save").click()')
+        self.js('''document.getElementById("save").click();
+            const samples = document.getElementById('save-samples'); samples.value = String(isoscope.view.state.samples ?? 1);
+            samples.dispatchEvent(new Event('input'));''')
         command = self.js('return document.getElementById("command").textContent')
         self.js('document.getElementById("dialog").close()')
         words = shlex.split(command.replace('\\\n', ' '))
-        begin = words.index('--server')
-        del words[begin:begin + 2]
-        if '--dataset' in words:
-            del words[words.index('--dataset'):words.index('--dataset') + 2]
-        subprocess.run([self.program, 'render', self.volume, '--renderer', 'cpu', *words[2:]], check=True, cwd=self.folder,
+        # As people run it: in the folder of the file.
+        self.assertEqual(['isoscope', 'render', os.path.basename(self.volume)], words[:3])
+        subprocess.run([self.program, *words[1:], '--renderer', 'cpu'], check=True, cwd=self.folder,
                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
         with open(os.path.join(self.folder, 'picture.png'), 'rb') as file:
             return decode_png(file.read())

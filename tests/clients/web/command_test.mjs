@@ -4,7 +4,7 @@ import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
 import { existsSync, mkdtempSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
-import { join } from 'node:path';
+import { basename, join } from 'node:path';
 import { after, test } from 'node:test';
 
 import { COLOR_MAPS } from '../../../clients/web/parameters.js';
@@ -112,6 +112,19 @@ for (const [name, state] of Object.entries(ALL_STATES)) {
     rmSync(join(folder, 'picture.png'));
   });
 }
+
+test('the command of a file draws in its folder as it stands', () => {
+  const words = wordsOf(stateToCommand({ dataset: 'gyroid-0123456789abcdef', surfaces: [SURFACE], samples: 4 }, 'picture.png', { width: 24, height: 16 },
+    { file: basename(volume) }));
+  const { status, text } = run([...words, '--renderer', 'cpu']);
+  assert.equal(status, 0, text);
+  assert.ok(existsSync(join(folder, 'picture.png')));
+});
+
+test('the command of a server that asks for a token has a flag of the program for it', () => {
+  assert.match(run(['render', '--help-all']).status === 0 ? run(['render', '--help-all']).text : run(['render', '--help']).text, /--token-file/);
+  assert.ok(wordsOf(stateToCommand({ surfaces: [SURFACE] }, 'a.png', undefined, { hasToken: true })).includes('--token-file'));
+});
 
 test('the program takes the dataset of the command as its value, whatever its name', () => {
   for (const dataset of ['--output', '-x', 'it\'s --help; $HOME']) {

@@ -7,7 +7,7 @@ import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS } from '../../../clients/web/parameters.js';
 import {
-  colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash, tokenOfHash,
+  colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand, stateToHash, tokenOfHash,
   tokenOfText, withoutToken,
 } from '../../../clients/web/view-state.js';
 
@@ -214,6 +214,19 @@ test('what people paste at the door is a token, or an address with one', () => {
 test('the command of a state quotes what a shell would read otherwise', () => {
   const command = stateToCommand({ dataset: 'it\'s; rm -rf', surfaces: [{ isovalue: 60 }], caps: {} }, 'a.png');
   assert.equal(command, 'isoscope render --server HOST:50051 \\\n  --dataset \'it\'\\\'\'s; rm -rf\' \\\n  --surface 60 \\\n  --caps \\\n  --output a.png');
+});
+
+test('the command reads the file of isoscope view, else a server, with its token where there is one', () => {
+  const state = { dataset: 'head-0123456789abcdef', surfaces: [{ isovalue: 60 }], samples: 4 };
+  const size = { width: 640, height: 480 };
+  /** @param {any} source */
+  const first = (source) => stateToCommand(state, 'a.png', size, source).split(' \\\n  ').slice(0, 3);
+  assert.deepEqual(first({ file: 'my head.nii.gz' }), ['isoscope render \'my head.nii.gz\'', '--surface 60', '--samples 4']);
+  assert.deepEqual(first({ file: '-x.nrrd' })[0], 'isoscope render ./-x.nrrd');
+  assert.deepEqual(first({ hasToken: true }), ['isoscope render --server HOST:50051', '--token-file TOKEN_FILE', '--dataset head-0123456789abcdef']);
+  assert.deepEqual(first({}), ['isoscope render --server HOST:50051', '--dataset head-0123456789abcdef', '--surface 60']);
+  assert.equal(fileOf({ name: 'head-0123456789abcdef', source: 'head.nii.gz' }), 'head.nii.gz');
+  assert.deepEqual([fileOf({ name: 'head', source: 'head.nii.gz' }), fileOf({ name: 'head-0123456789abcdef' }), fileOf(null)], ['', '', '']);
 });
 
 test('the legend has the colours of the pictures', () => {
