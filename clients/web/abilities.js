@@ -3,14 +3,14 @@
 
 import { client } from './page-view.js';
 
-/** @type {{version: string, features: string[], maxViewportPx: number}} `version`: '' until it is known */
-export const abilities = { version: '', features: [], maxViewportPx: 0 };
+/** @type {{version: string, features: string[]}} `version`: '' until it is known */
+export const abilities = { version: '', features: [] };
 
 /** A gateway that does not know its coordinator's abilities still shows pictures. */
 export async function loadAbilities() {
   try {
-    const { version = '', features = [], maxViewportPx = 0 } = await client.get('v1/capabilities');
-    Object.assign(abilities, { version, features, maxViewportPx });
+    const { version = '', features = [] } = await client.get('v1/capabilities');
+    Object.assign(abilities, { version, features });
   } catch {
     // The datasets, which are asked for besides, report what is wrong.
   }

@@ -20,7 +20,7 @@ export const isDoorClosed = () => !door.hidden;
 function hideRest(isClosed) {
   door.hidden = !isClosed;
   for (const part of document.querySelectorAll('body > header, body > main, body > aside')) {
-    /** @type {HTMLElement} */ (part).inert = isClosed;
+    part.toggleAttribute('inert', isClosed);
   }
 }
 
