@@ -26,11 +26,11 @@ function draw() {
   on.disabled = !undo.canRedo;
 }
 
-/** Keeps the state of now, once its camera is known: until then the server chooses it. */
+/** Keeps the state of now, once its camera is known and the page has filled in what a link leaves out. */
 function rest() {
   clearTimeout(restTimer);
   const state = shown.getState();
-  if (shown.hasState && state.camera && !state.cameraFit && state.dataset) {
+  if (shown.hasState && state.camera && !state.cameraFit && state.dataset && state.backgroundColor) {
     undo.rested(state);
     draw();
   }

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs one check of clients/web; ends with 77 (skipped) where its program is missing:
-#   check_web.sh types | unit | command | browser
+#   check_web.sh types | unit | command | browser | page
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -29,11 +29,13 @@ case "${1:-}" in
     ;;
   browser)
     # Debian's own: another Python first on the PATH has no python3-selenium.
-    /usr/bin/python3 browser_test.py
+    exec /usr/bin/python3 browser_test.py
+    ;;
+  page)
     exec /usr/bin/python3 browser_page_test.py
     ;;
   *)
-    echo "usage: check_web.sh types | unit | command | browser" >&2
+    echo "usage: check_web.sh types | unit | command | browser | page" >&2
     exit 2
     ;;
 esac
