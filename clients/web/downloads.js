@@ -58,7 +58,10 @@ export function listenToDownloads(series) {
   access.onclick = () => copy(`${linkOfView()}&token=${encodeURIComponent(client.token)}`,
     'The link is copied, with the token: whoever gets it sees what you see.');
   shown.addEventListener('status', () => { access.hidden = !client.token; });
-  /** What the dialog asks for. @returns {FrameRequest} */
+  /**
+   * What the dialog asks for.
+   * @returns {FrameRequest}
+   */
   function stateOfDialog() {
     const state = { ...series.pinned(shown.getState()), samples: Number(page.saveSamples.value) };
     return page.transparent.checked ? { ...state, backgroundColor: { red: 0, green: 0, blue: 0, alpha: 0 } } : state;

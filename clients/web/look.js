@@ -155,7 +155,10 @@ export function drawLegend(frame) {
   }
 }
 
-/** Of the server, for the surfaces and the step of `of`. @type {{of: string, notes: any[]}} */
+/**
+ * Of the server, for the surfaces and the step of `of`.
+ * @type {{of: string, notes: any[]}}
+ */
 let serverNotes = { of: '', notes: [] };
 const notedNow = () => JSON.stringify([shown.state.surfaces, shown.state.selection]);
 

@@ -17,7 +17,10 @@ import { format, formatAt } from './values.js';
 
 /** @type {Pick[]} */
 let picks = [];
-/** The surfaces and the step that are shown, as `of` of picks names them. @type {() => string[]} */
+/**
+ * The surfaces and the step that are shown, as `of` of picks names them.
+ * @type {() => string[]}
+ */
 let shownNow = () => [];
 
 /**
