@@ -1,6 +1,7 @@
 // Links and downloads: pictures, meshes, and the command that draws the same picture.
 // @ts-check
 
+import { abilities } from './abilities.js';
 import { byId, make, page } from './elements.js';
 import { announcer, copy } from './messages.js';
 import { client, shown } from './page-view.js';
@@ -68,7 +69,7 @@ export function listenToDownloads(series) {
   }
   const sizeOfDialog = () => ({ width: page.width.valueAsNumber || 1, height: page.height.valueAsNumber || 1 });
   function drawCommand() {
-    const file = fileOf(shown.dataset);
+    const file = fileOf(shown.dataset, abilities.gatewayAddress, location.href);
     page.command.textContent = stateToCommand(stateOfDialog(), 'picture.png', sizeOfDialog(), { file, hasToken: client.token !== '' });
     byId('command-hint', HTMLElement).textContent = file ? `draws this picture in the folder of ${file}`
       : `draws this picture; HOST is the coordinator${client.token ? ', TOKEN_FILE has its token' : ''}`;

@@ -190,10 +190,19 @@ const inputWords = ({ file, hasToken }) => file ? [`isoscope render ${quoted(fil
   : ['isoscope render --server HOST:50051', ...(hasToken ? ['--token-file TOKEN_FILE'] : [])];
 
 /**
- * The file of a dataset that `isoscope view` has made of one: its name ends with 16 digits of the content. '' of others.
- * @param {any} dataset
+ * The file of a dataset that a command can read in place of a server: that of `isoscope view`, whose coordinator names
+ * this very page, on this machine. '' where a server may be far away.
+ * @param {any} dataset @param {string} gatewayAddress of the coordinator @param {string} pageAddress
  */
-export const fileOf = (dataset) => /-[0-9a-f]{16}$/.test(dataset?.name ?? '') ? String(dataset.source ?? '') : '';
+export function fileOf(dataset, gatewayAddress, pageAddress) {
+  try {
+    const [told, page] = [new URL(gatewayAddress), new URL('./', pageAddress)];
+    const isOwn = told.href === page.href && /^(127\.\d+\.\d+\.\d+|localhost|\[::1\])$/.test(page.hostname);
+    return isOwn ? String(dataset?.source ?? '') : '';
+  } catch {
+    return '';  // the coordinator names no page
+  }
+}
 
 /**
  * Returns the command that draws the same picture. A fitted view has its own camera once the server

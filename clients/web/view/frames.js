@@ -167,7 +167,10 @@ export class Frames {
       bitmap.close();
     }
     statistics.counts.bitmapsClosed += 1;
-    this.#exhaustedCount = isExact ? 0 : this.#exhaustedCount;
+    if (isExact) {
+      this.#exhaustedCount = 0;
+      clearTimeout(this.#retryTimer);  // nothing is missing any more
+    }
     statistics.shown(isExact, sent);
     this.shownSequence = sequence;
     connection.acknowledge(message);

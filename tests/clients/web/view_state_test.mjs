@@ -225,8 +225,13 @@ test('the command reads the file of isoscope view, else a server, with its token
   assert.deepEqual(first({ file: '-x.nrrd' })[0], 'isoscope render ./-x.nrrd');
   assert.deepEqual(first({ hasToken: true }), ['isoscope render --server HOST:50051', '--token-file TOKEN_FILE', '--dataset head-0123456789abcdef']);
   assert.deepEqual(first({}), ['isoscope render --server HOST:50051', '--dataset head-0123456789abcdef', '--surface 60']);
-  assert.equal(fileOf({ name: 'head-0123456789abcdef', source: 'head.nii.gz' }), 'head.nii.gz');
-  assert.deepEqual([fileOf({ name: 'head', source: 'head.nii.gz' }), fileOf({ name: 'head-0123456789abcdef' }), fileOf(null)], ['', '', '']);
+  const head = { name: 'head', source: 'head.nii.gz' };
+  assert.equal(fileOf(head, 'http://127.0.0.1:8080/', 'http://127.0.0.1:8080/?theme=dark#dataset=head'), 'head.nii.gz');
+  for (const [told, page] of [['http://127.0.0.1:8080/', 'http://127.0.0.1:8081/'], ['https://host/', 'https://host/'], ['', 'http://127.0.0.1:8080/'],
+    ['no address', 'http://127.0.0.1:8080/']]) {
+    assert.equal(fileOf(head, told, page), '', `${told} and ${page}`);
+  }
+  assert.equal(fileOf(null, 'http://localhost:1/', 'http://localhost:1/'), '');
 });
 
 test('the legend has the colours of the pictures', () => {
