@@ -216,7 +216,8 @@ Action RegisterPartitionFlags(FlagSet* set) {
   AddFlag(set, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,
           "how blocks are stored: smaller, but slower to draw (default: none)");
   AddFlag(set, "--seed", "S", &flags->seed, client::ParseUnsigned,
-          "seed of the random distribution (default: 1)");
+          "seed of the random distribution (default: 1)")
+      .Group("Blocks and shards");
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, client::ParseByteSize,
           "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
   AddSeriesFlags(set, &flags->series);

@@ -68,10 +68,18 @@ std::string FormatError(absl::string_view program, absl::string_view command,
 }
 
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known) {
+  // A stranger may send longer words. No name that people type is as long.
+  constexpr std::size_t kMaxLength = 256;
   std::string nearest;
+  if (typed.size() > kMaxLength) {
+    return nearest;
+  }
   // A word with more than a third of its letters wrong counts as another word.
   std::size_t best = std::max<std::size_t>(1, typed.size() / 3) + 1;
   for (const std::string& name : known) {
+    if (name.size() >= typed.size() + best || typed.size() >= name.size() + best) {
+      continue;
+    }
     const std::size_t distance = EditDistance(typed, name);
     if (distance < best) {
       best = distance;

@@ -88,8 +88,8 @@ SERIES_STATES['missing values'] = { ...SERIES_STATES['colours by a field'], nanC
 const ALL_STATES = { ...STATES, ...SERIES_STATES };
 
 test('no command has a flag that isoscope render does not have, and each flag is among those tried', () => {
-  const { text } = run(['render', '--help']);
-  const known = new Set(text.match(/(?<=^\s+(?:-\w,)?)--[a-z-]+/gm));
+  const { text } = run(['render', '--help-all']);
+  const known = new Set(text.match(/(?<=^\s+(?:-\w, )?)--[a-z-]+/gm));
   assert.ok(known.has('--surface') && known.has('--output'), text);
   const printed = new Set(Object.values(ALL_STATES).flatMap((state) => wordsOf(commandOf(state))
     .filter((word) => /^--[a-z-]/.test(word)).map((word) => word.replace(/=.*/s, ''))));
