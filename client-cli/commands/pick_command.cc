@@ -70,6 +70,10 @@ absl::StatusOr<wire::PixelPosition> ParsePixel(absl::string_view text,
 
 absl::Status CheckUsage(const PickFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  const client::RequestFlags& frame = flags.request;
+  if (!frame.isovalue && frame.surfaces.empty() && frame.label.empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckInputExists(flags.session));
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
   if (flags.pixels.empty() || flags.pixels.size() > wire::kMaxPickedPixels) {
@@ -216,9 +220,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
                              .needs_all_fields = flags.all_fields};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, &wanted, std::nullopt, context));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset, session->GetDataset());
   client::RequestFlags frame_flags = flags.request;
   session->AdaptSelection(&frame_flags.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &frame_flags.selection));

@@ -89,9 +89,7 @@ struct Subject {
 
 absl::StatusOr<Subject> FindSubject(Session* session) {
   Subject subject;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      subject.dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(subject.dataset, session->GetDataset());
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                             session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = client::PictureRevisionOf(cluster, subject.dataset);

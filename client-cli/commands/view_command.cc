@@ -237,9 +237,7 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.label));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, nullptr, view::kCommonViewport, context));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset, session->GetDataset());
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstSurfaces first,
                             ChooseSurfaces(flags, dataset, session.get()));
   if (flags.is_in_terminal) {

@@ -68,10 +68,11 @@ std::string FormatError(absl::string_view program, absl::string_view command,
 }
 
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known) {
-  // A stranger may send longer words. No name that people type is as long.
+  // A single letter is near to any other. A stranger may send words longer than any name.
+  constexpr std::size_t kMinLength = 2;
   constexpr std::size_t kMaxLength = 256;
   std::string nearest;
-  if (typed.size() > kMaxLength) {
+  if (typed.size() < kMinLength || typed.size() > kMaxLength) {
     return nearest;
   }
   // A word with more than a third of its letters wrong counts as another word.

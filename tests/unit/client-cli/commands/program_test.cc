@@ -178,7 +178,7 @@ WrongUsage RenderRemote(const std::vector<std::string>& more,
 std::vector<WrongUsage> RenderRows() {
   return {
       {{"render"}, {"give a volume, a dataset folder or --server"}},
-      {{"render", "v.nrrd"}, {"--isovalue V is missing"}},
+      {{"render", "--server", "h:1"}, {"--isovalue V is missing"}},
       {{"render", "v.nrrd", "--isovalue", "1"}, {"--output FILE.png is missing"}},
       {{"render", "v.nrrd", "--isvalue", "1", "--output", "o.png"},
        {"unknown flag --isvalue", "did you mean --isovalue"}},
@@ -229,13 +229,13 @@ std::vector<WrongUsage> RenderRows() {
       {{"help", "cache", "lst"}, {"did you mean 'cache list'"}},
       {{"cache", "list", "x"}, {"'x' is one argument too many"}},
       RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
-      {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
+      {{"export", "--server", "h:1", "--output", "o.ply"}, {"--isovalue V is missing"}},
       {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE is missing"}},
       {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.gif"},
-       {"'a.gif'", "the suffix '.gif'", "PNG", "expected 'a.png'"}},
+       {"'a.gif'", "the suffix '.gif'", ".png and .jpg, and .apng and .webp", "expected 'a.png'"}},
       {{"render", "v.nrrd", "--isovalue", "1", "--output", "f/a-%d.png.gz"},
-       {"the suffix '.gz'", "PNG"}},
-      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", "PNG"}},
+       {"the suffix '.gz'", ".png"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", ".png"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.fbx"},
        {"'o.fbx'", "the suffix '.fbx'", ".ply, .stl, .obj, .glb, .vtp"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.stl", "--format", "ply"},
@@ -441,6 +441,24 @@ TEST(CommandTest, FailedRequestsExitWithOneAndNameTheCode) {
     EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: "));
     EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
   }
+}
+
+TEST(CommandTest, AMissingFileIsNamedBeforeAMissingIsovalue) {
+  const TempDir folder;
+  const std::string absent = folder.Sub("absent.nrrd");
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"render", absent}, {"export", absent}, {"pick", absent}}) {
+    const Outcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 1) << arguments[0];
+    EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: ")) << arguments[0];
+    EXPECT_THAT(outcome.err, HasSubstr("absent.nrrd")) << arguments[0];
+  }
+  // A file that is there: it is the isovalue that is missing.
+  const std::string there = folder.Sub("there.nrrd");
+  std::ofstream(there) << "NRRD0001\n";
+  const Outcome outcome = RunCli({"render", there});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("--isovalue V is missing"));
 }
 
 TEST(CommandTest, UnwritableOutputIsFoundBeforeAnyWork) {
