@@ -34,6 +34,7 @@
 #include <sys/wait.h>
 
 #include "client-cli/commands/redirect_file.h"
+#include "client-cli/output/round_value.h"
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "client-cli/terminal/terminal_viewer.h"
@@ -312,16 +313,20 @@ Action RegisterViewFlags(FlagSet* set) {
 }  // namespace
 
 double FirstIsovalue(const v1::GetHistogramResponse& histogram, const v1::Dataset& dataset) {
+  const bool has_bins = !histogram.bins().empty();
+  const double min = has_bins ? histogram.bins(0).min() : dataset.value_range().min();
+  const double max =
+      has_bins ? histogram.bins(histogram.bins_size() - 1).max() : dataset.value_range().max();
   for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
     if (suggestion.method() == v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES) {
-      return suggestion.isovalue();
+      return RoundedValue(suggestion.isovalue(), min, max);
     }
   }
   if (!histogram.suggestions().empty()) {
-    return histogram.suggestions(0).isovalue();
+    return RoundedValue(histogram.suggestions(0).isovalue(), min, max);
   }
   // Halves first: the sum of two large values may be infinite.
-  return dataset.value_range().min() / 2 + dataset.value_range().max() / 2;
+  return RoundedValue(dataset.value_range().min() / 2 + dataset.value_range().max() / 2, min, max);
 }
 
 std::string ViewAddress(absl::string_view page, const std::string& dataset,
