@@ -371,8 +371,8 @@ Command ExportCommand() {
           .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --output FILE [OPTIONS]",
           .examples =
               "  isoscope export head.nii.gz --isovalue 60 --output head.ply\n"
-              "  isoscope export head.nii.gz --isovalue 60 --min-component 1000 --simplify 0.1 \\\n"
-              "    --color 0.9,0.85,0.8 --output head.glb\n"
+              "  isoscope export head.nii.gz --isovalue 60 --min-component 1000 \\\n"
+              "    --simplify 0.1 --color 0.9,0.85,0.8 --output head.glb\n"
               "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
               "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
               "  isoscope export head.nii.gz --isovalue 60 --close --output print.stl\n"

@@ -239,8 +239,8 @@ Command PartitionCommand() {
               "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
               "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n"
               "  isoscope partition flow.pvd --shards 4 --output flow\n"
-              "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p --time 4.2 "
-              "--append flow\n",
+              "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p \\\n"
+              "    --time 4.2 --append flow\n",
           .register_flags = RegisterPartitionFlags};
 }
 

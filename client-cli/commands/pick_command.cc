@@ -283,18 +283,19 @@ Action RegisterPickFlags(FlagSet* set) {
 }  // namespace
 
 Command PickCommand() {
-  return {
-      .name = "pick",
-      .summary =
-          "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
-      .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
-      .examples =
-          "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
-          "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface --pixel 9,8\n"
-          "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
-          "--json\n"
-          "  isoscope pick flow --field temperature --isovalue 310 --pixel 512,400 --all-fields\n",
-      .register_flags = RegisterPickFlags};
+  return {.name = "pick",
+          .summary =
+              "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
+          .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
+          .examples =
+              "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
+              "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface \\\n"
+              "    --pixel 9,8\n"
+              "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 \\\n"
+              "    --pixel 3,4 --json\n"
+              "  isoscope pick flow --field temperature --isovalue 310 --pixel 512,400 \\\n"
+              "    --all-fields\n",
+          .register_flags = RegisterPickFlags};
 }
 
 }  // namespace isoscope::cli

@@ -356,8 +356,8 @@ Command ViewCommand() {
               "  isoscope view body.seg.nrrd --labels all\n"
               "  isoscope view head.nii.gz --terminal\n"
               "\nStarts everything in this process and prints the address of the page, alone, on\n"
-              "standard output. The address has a token that the page asks for: whoever is to see\n"
-              "the page needs it. Ctrl-C ends it.\n",
+              "standard output. The address has a token that the page asks for: whoever is to\n"
+              "see the page needs it. Ctrl-C ends it.\n",
           .register_flags = RegisterViewFlags};
 }
 
