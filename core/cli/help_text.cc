@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <utility>
 
 #include "absl/algorithm/container.h"
 #include "absl/strings/match.h"
@@ -140,8 +141,18 @@ void Arrange(const HelpLayout& layout, CommandDescription* command) {
       order.push_back(flag.group);
     }
   }
-  const auto place = [&order](const FlagDescription& flag) {
-    return std::find(order.begin(), order.end(), flag.group) - order.begin();
+  // The place of the heading, then that of the flag in the layout's list. Flags that are not in
+  // the list follow in the order of their declaration.
+  const auto place = [&](const FlagDescription& flag) {
+    const auto heading = std::find(order.begin(), order.end(), flag.group) - order.begin();
+    if (static_cast<std::size_t>(heading) >= headings.size()) {
+      return std::pair(heading, std::ptrdiff_t{0});
+    }
+    const std::vector<std::string>& listed = headings[static_cast<std::size_t>(heading)].flags;
+    const bool is_first = flag.names.empty();
+    return std::pair(
+        heading, is_first ? std::ptrdiff_t{-1}
+                          : std::find(listed.begin(), listed.end(), KeyOf(flag)) - listed.begin());
   };
   std::stable_sort(
       command->flags.begin(), command->flags.end(),

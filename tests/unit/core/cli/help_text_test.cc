@@ -78,6 +78,16 @@ TEST(ArrangeTest, FlagsStandInTheOrderOfTheHeadings) {
               ElementsAre("INPUT", "--server", "--output", "--light", "--help", "--caps"));
 }
 
+TEST(ArrangeTest, FlagsOfAHeadingStandInItsOrder) {
+  CommandDescription command;
+  for (const char* name : {"--c", "--b", "--other", "--a"}) {
+    command.flags.push_back({.names = {name}, .group = "Options"});
+  }
+  command.flags[2].group = "All";
+  Arrange({.headings = {{"All", {"--a", "--b", "--c"}}}}, &command);
+  EXPECT_THAT(KeysOf(command), ElementsAre("--a", "--b", "--c", "--other"));
+}
+
 TEST(ArrangeTest, ADeclaredHeadingStays) {
   EXPECT_EQ(Draw().flags[3].group, "Lights");
   EXPECT_EQ(Draw().flags[1].group, "Input");
