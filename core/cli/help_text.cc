@@ -141,18 +141,17 @@ void Arrange(const HelpLayout& layout, CommandDescription* command) {
       order.push_back(flag.group);
     }
   }
-  // The place of the heading, then that of the flag in the layout's list. Flags that are not in
-  // the list follow in the order of their declaration.
+  // The place of the heading, then that of the flag in the layout's list, behind positional
+  // arguments. Flags that are in no list follow in the order of their declaration.
   const auto place = [&](const FlagDescription& flag) {
-    const auto heading = std::find(order.begin(), order.end(), flag.group) - order.begin();
-    if (static_cast<std::size_t>(heading) >= headings.size()) {
-      return std::pair(heading, std::ptrdiff_t{0});
+    const auto heading =
+        static_cast<std::size_t>(std::find(order.begin(), order.end(), flag.group) - order.begin());
+    std::ptrdiff_t position = flag.names.empty() ? -1 : 0;
+    if (heading < headings.size() && !flag.names.empty()) {
+      const std::vector<std::string>& listed = headings[heading].flags;
+      position = std::find(listed.begin(), listed.end(), KeyOf(flag)) - listed.begin();
     }
-    const std::vector<std::string>& listed = headings[static_cast<std::size_t>(heading)].flags;
-    const bool is_first = flag.names.empty();
-    return std::pair(
-        heading, is_first ? std::ptrdiff_t{-1}
-                          : std::find(listed.begin(), listed.end(), KeyOf(flag)) - listed.begin());
+    return std::pair(heading, position);
   };
   std::stable_sort(
       command->flags.begin(), command->flags.end(),

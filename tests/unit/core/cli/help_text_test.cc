@@ -88,6 +88,15 @@ TEST(ArrangeTest, FlagsOfAHeadingStandInItsOrder) {
   EXPECT_THAT(KeysOf(command), ElementsAre("--a", "--b", "--c", "--other"));
 }
 
+TEST(ArrangeTest, ArgumentsStandFirstWithoutALayoutToo) {
+  CommandDescription command;
+  command.flags = {{.names = {"--a"}, .group = "Options"},
+                   {.value_name = "INPUT", .group = "Options"},
+                   {.names = {"--b"}, .group = "Options"}};
+  Arrange({}, &command);
+  EXPECT_THAT(KeysOf(command), ElementsAre("INPUT", "--a", "--b"));
+}
+
 TEST(ArrangeTest, ADeclaredHeadingStays) {
   EXPECT_EQ(Draw().flags[3].group, "Lights");
   EXPECT_EQ(Draw().flags[1].group, "Input");
