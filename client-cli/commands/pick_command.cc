@@ -70,12 +70,12 @@ absl::StatusOr<wire::PixelPosition> ParsePixel(absl::string_view text,
 
 absl::Status CheckUsage(const PickFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  const client::RequestFlags& frame = flags.request;
-  if (!frame.isovalue && frame.surfaces.empty() && frame.label.empty()) {
+  const client::RequestFlags& request = flags.request;
+  if (!request.isovalue && request.surfaces.empty() && request.label.empty()) {
     ISOSCOPE_RETURN_IF_ERROR(CheckInputExists(flags.session));
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(request));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, request.camera));
   if (flags.pixels.empty() || flags.pixels.size() > wire::kMaxPickedPixels) {
     return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
                                    " times: once for each pixel, 1 to ", wire::kMaxPickedPixels));

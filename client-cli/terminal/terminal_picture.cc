@@ -193,8 +193,8 @@ constexpr std::array<std::array<int, kMatrixSide>, kMatrixSide> kMatrix = {
 
 // Of two neighbouring levels the one that stands for `value` where the threshold has this rank.
 // `levels`: ascending, from 0 to 255. Returns its index.
-template <std::size_t count>
-int DitheredLevel(const std::array<int, count>& levels, int value, int rank) {
+template <std::size_t Count>
+int DitheredLevel(const std::array<int, Count>& levels, int value, int rank) {
   const auto above = std::upper_bound(levels.begin(), levels.end(), value);
   const auto below = above - 1;
   const auto index = static_cast<int>(below - levels.begin());
