@@ -39,6 +39,7 @@
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
+#include "isoscope/v1/dataset_service.pb.h"
 #include "partition-agent/shard/shard.h"
 #include "rpc/host_port.h"
 
