@@ -104,6 +104,9 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
 
 absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  if (!flags.isovalue && flags.surfaces.empty() && flags.label.empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckInputExists(flags.session));
+  }
   ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(flags.isovalue, flags.surfaces, flags.color,
                                                  flags.label, client::kAnyNumberOfSurfaces));
   for (const client::LabelValue& value : flags.label.sets) {
@@ -264,9 +267,7 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   const WantedVolumes wanted{.selection = flags.selection};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, &wanted, std::nullopt, context));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const isoscope::v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, session->GetDataset());
   session->AdaptSelection(&flags.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &flags.selection));
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(dataset, flags.selection, session->frame_timeout(),
@@ -370,8 +371,8 @@ Command ExportCommand() {
           .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --output FILE [OPTIONS]",
           .examples =
               "  isoscope export head.nii.gz --isovalue 60 --output head.ply\n"
-              "  isoscope export head.nii.gz --isovalue 60 --min-component 1000 --simplify 0.1 \\\n"
-              "    --color 0.9,0.85,0.8 --output head.glb\n"
+              "  isoscope export head.nii.gz --isovalue 60 --min-component 1000 \\\n"
+              "    --simplify 0.1 --color 0.9,0.85,0.8 --output head.glb\n"
               "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
               "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
               "  isoscope export head.nii.gz --isovalue 60 --close --output print.stl\n"

@@ -19,6 +19,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 #include "client-cli/commands/program.h"
 #include "clients/cpp/request/parse_value.h"
@@ -105,6 +106,11 @@ struct GenerateFlags {
   std::optional<std::int64_t> thread_count;
 };
 
+std::string FieldNames(absl::string_view separator) {
+  return absl::StrJoin(kFields, separator,
+                       [](std::string* out, const FieldRow& row) { out->append(row.name); });
+}
+
 absl::StatusOr<const FieldRow*> ParseField(absl::string_view text) {
   std::vector<std::pair<std::string, const FieldRow*>> choices;
   choices.reserve(kFields.size());
@@ -147,8 +153,7 @@ absl::Status CheckOutput(const GenerateFlags& flags, bool is_flow) {
 
 absl::Status CheckUsage(const GenerateFlags& flags) {
   if (!flags.field) {
-    return UsageError(
-        "FIELD is missing: random, gyroid, marschner-lobb, shells, mixing, labels or flow");
+    return UsageError(absl::StrCat("FIELD is missing, one of: ", FieldNames(", ")));
   }
   if (!flags.dims) {
     return UsageError("--dims X,Y,Z is missing: the samples on each axis");
@@ -298,8 +303,9 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
 
 Action RegisterGenerateFlags(FlagSet* set) {
   const auto flags = std::make_shared<GenerateFlags>();
-  AddFlag(set, "field", "FIELD", &flags->field, ParseField,
-          "random, gyroid, marschner-lobb, shells, mixing, labels or flow; see below");
+  AddFlag(set, "field", FieldNames("|"), &flags->field, ParseField,
+          "the field: random waves, sheets, ripples, spheres, mixing fluids, a segmentation, or a "
+          "flow; see below");
   AddFlag(set, "-o,--output", "FILE", &flags->output, ParseText,
           "the volume: .nrrd, .mha, .nhdr with a .raw beside it, or .raw; of a flow: .pvd");
   AddFlag(set, "--dims", "X,Y,Z", &flags->dims, client::ParseDims,

@@ -310,9 +310,7 @@ absl::StatusOr<isoscope::v1::GetHistogramResponse> FetchHistogram(
 // it makes `json` from the dataset: so the range of its values needs no second read.
 absl::StatusOr<std::string> AskDataset(const InfoFlags& flags, const Context& context, Json* json) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session, OpenSession(flags, context));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const isoscope::v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, session->GetDataset());
   if (json->empty()) {
     (*json)["datasets"] = Json::array({DatasetToJson(dataset)});
   }

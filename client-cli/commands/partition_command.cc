@@ -216,7 +216,8 @@ Action RegisterPartitionFlags(FlagSet* set) {
   AddFlag(set, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,
           "how blocks are stored: smaller, but slower to draw (default: none)");
   AddFlag(set, "--seed", "S", &flags->seed, client::ParseUnsigned,
-          "seed of the random distribution (default: 1)");
+          "seed of the random distribution (default: 1)")
+      .Group("Blocks and shards");
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, client::ParseByteSize,
           "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
   AddSeriesFlags(set, &flags->series);
@@ -238,8 +239,8 @@ Command PartitionCommand() {
               "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
               "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n"
               "  isoscope partition flow.pvd --shards 4 --output flow\n"
-              "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p --time 4.2 "
-              "--append flow\n",
+              "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p \\\n"
+              "    --time 4.2 --append flow\n",
           .register_flags = RegisterPartitionFlags};
 }
 

@@ -70,8 +70,12 @@ absl::StatusOr<wire::PixelPosition> ParsePixel(absl::string_view text,
 
 absl::Status CheckUsage(const PickFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
+  const client::RequestFlags& request = flags.request;
+  if (!request.isovalue && request.surfaces.empty() && request.label.empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckInputExists(flags.session));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(request));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, request.camera));
   if (flags.pixels.empty() || flags.pixels.size() > wire::kMaxPickedPixels) {
     return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
                                    " times: once for each pixel, 1 to ", wire::kMaxPickedPixels));
@@ -216,9 +220,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
                              .needs_all_fields = flags.all_fields};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, &wanted, std::nullopt, context));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset, session->GetDataset());
   client::RequestFlags frame_flags = flags.request;
   session->AdaptSelection(&frame_flags.selection);
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveNames(dataset, &frame_flags.selection));
@@ -281,18 +283,19 @@ Action RegisterPickFlags(FlagSet* set) {
 }  // namespace
 
 Command PickCommand() {
-  return {
-      .name = "pick",
-      .summary =
-          "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
-      .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
-      .examples =
-          "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
-          "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface --pixel 9,8\n"
-          "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
-          "--json\n"
-          "  isoscope pick flow --field temperature --isovalue 310 --pixel 512,400 --all-fields\n",
-      .register_flags = RegisterPickFlags};
+  return {.name = "pick",
+          .summary =
+              "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
+          .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
+          .examples =
+              "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
+              "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface \\\n"
+              "    --pixel 9,8\n"
+              "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 \\\n"
+              "    --pixel 3,4 --json\n"
+              "  isoscope pick flow --field temperature --isovalue 310 --pixel 512,400 \\\n"
+              "    --all-fields\n",
+          .register_flags = RegisterPickFlags};
 }
 
 }  // namespace isoscope::cli

@@ -1,5 +1,7 @@
 #include "client-cli/commands/program.h"
 
+#include "client-cli/commands/help_layout.h"
+
 namespace isoscope::cli {
 
 Program IsoscopeProgram() {
@@ -10,7 +12,9 @@ Program IsoscopeProgram() {
                        RenderCommand(), PickCommand(), ExportCommand(), GenerateCommand(),
                        TopCommand(), CacheListCommand(), CacheClearCommand(),
                        CompletionCommand("isoscope"), ViewCommand()},
-          .moved = {{"bench", "it is a program of its own: isoscope-bench"}}};
+          .moved = {{"bench", "it is a program of its own: isoscope-bench"}},
+          .help = HelpLayoutOfCommands(),
+          .words = WordsOfCommands()};
 }
 
 }  // namespace isoscope::cli

@@ -89,9 +89,7 @@ struct Subject {
 
 absl::StatusOr<Subject> FindSubject(Session* session) {
   Subject subject;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      subject.dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(subject.dataset, session->GetDataset());
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                             session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = client::PictureRevisionOf(cluster, subject.dataset);
@@ -493,15 +491,14 @@ Command RenderCommand() {
           .examples =
               "  isoscope render head.nii.gz --isovalue 60 --azimuth 30 --output head.png\n"
               "  isoscope render head.nii.gz --isovalue 60          in the terminal\n"
-              "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 --orbit 10 \\\n"
-              "    --output turn-%03d.png --stats turn.json\n"
+              "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 \\\n"
+              "    --orbit 10 --output turn-%03d.png --stats turn.json\n"
               "  isoscope render head.nii.gz --isovalue 20:120:5 --output levels.webp\n"
               "  isoscope render head.nii.gz --isovalue 60 --width 32768 --height 32768 \\\n"
               "    --renderer cpu --output poster.png\n"
               "  isoscope render head.nii.gz --isovalue 60 --output head.jpg --depth depth.npy\n"
-              "  isoscope render head.nii.gz --isovalue 60 --light -1,1,2 --color-by z:turbo "
-              "--legend \\\n"
-              "    --output height.png\n"
+              "  isoscope render head.nii.gz --isovalue 60 --light -1,1,2 \\\n"
+              "    --color-by z:turbo --legend --output height.png\n"
               "  isoscope render head.nii.gz --like head.png --output again.png\n"
               "  isoscope render head.nii.gz --isovalue 60 --output - | display\n",
           .register_flags = RegisterRenderFlags};

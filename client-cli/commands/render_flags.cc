@@ -1,7 +1,8 @@
 // CheckUsage returns the error of the first rule that is broken:
 //
-//   every picture    session, surfaces (not with --like), --no-measures, standard output
-//                    (CheckShow), format of the picture (CheckFormat)
+//   every picture    session, the input if no surface is named, surfaces (not with --like),
+//                    --no-measures, standard output (CheckShow), format of the picture
+//                    (CheckFormat)
 //   without --like   camera, planes, colours, rules of a single picture, poster, sweep
 //   with --like      no mask culling, one PNG, no flag that decides a pixel
 //
@@ -29,6 +30,10 @@
 
 namespace isoscope::cli {
 namespace {
+
+bool HasSurfaces(const client::RequestFlags& request) {
+  return request.isovalue || !request.surfaces.empty() || !request.label.empty();
+}
 
 // UsageError if the output's format does not fit the other flags.
 absl::Status CheckFormat(const RenderFlags& flags) {
@@ -187,6 +192,9 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
 absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.like) {
+    if (!HasSurfaces(flags.request)) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckInputExists(flags.session));
+    }
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   }
   if (flags.has_no_measures && !flags.stats) {

@@ -116,8 +116,9 @@ Command ServeCommand() {
           "  isoscope serve head\n"
           "  isoscope serve head --listen 0.0.0.0:50051 --tls-cert coordinator.pem \\\n"
           "    --tls-key coordinator.key --tls-ca ca.pem --tokens tokens.json\n"
-          "\nPrints the address on standard output once frames can be rendered; log lines go to\n"
-          "standard error. SIGTERM and SIGINT let frames in work finish, then it ends with 0.\n",
+          "\nPrints the address on standard output once frames can be rendered; log lines go\n"
+          "to standard error. SIGTERM and SIGINT let frames in work finish, then it ends\n"
+          "with 0.\n",
       .register_flags = RegisterServeFlags};
 }
 

@@ -34,6 +34,7 @@
 #include <sys/wait.h>
 
 #include "client-cli/commands/redirect_file.h"
+#include "client-cli/output/round_value.h"
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "client-cli/terminal/terminal_viewer.h"
@@ -237,9 +238,7 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.label));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, nullptr, view::kCommonViewport, context));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset, session->GetDataset());
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstSurfaces first,
                             ChooseSurfaces(flags, dataset, session.get()));
   if (flags.is_in_terminal) {
@@ -314,16 +313,20 @@ Action RegisterViewFlags(FlagSet* set) {
 }  // namespace
 
 double FirstIsovalue(const v1::GetHistogramResponse& histogram, const v1::Dataset& dataset) {
+  const bool has_bins = !histogram.bins().empty();
+  const double min = has_bins ? histogram.bins(0).min() : dataset.value_range().min();
+  const double max =
+      has_bins ? histogram.bins(histogram.bins_size() - 1).max() : dataset.value_range().max();
   for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
     if (suggestion.method() == v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES) {
-      return suggestion.isovalue();
+      return RoundedValue(suggestion.isovalue(), min, max);
     }
   }
   if (!histogram.suggestions().empty()) {
-    return histogram.suggestions(0).isovalue();
+    return RoundedValue(histogram.suggestions(0).isovalue(), min, max);
   }
   // Halves first: the sum of two large values may be infinite.
-  return dataset.value_range().min() / 2 + dataset.value_range().max() / 2;
+  return RoundedValue(dataset.value_range().min() / 2 + dataset.value_range().max() / 2, min, max);
 }
 
 std::string ViewAddress(absl::string_view page, const std::string& dataset,
@@ -353,8 +356,8 @@ Command ViewCommand() {
               "  isoscope view body.seg.nrrd --labels all\n"
               "  isoscope view head.nii.gz --terminal\n"
               "\nStarts everything in this process and prints the address of the page, alone, on\n"
-              "standard output. The address has a token that the page asks for: whoever is to see\n"
-              "the page needs it. Ctrl-C ends it.\n",
+              "standard output. The address has a token that the page asks for: whoever is to\n"
+              "see the page needs it. Ctrl-C ends it.\n",
           .register_flags = RegisterViewFlags};
 }
 

@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 #include <sys/ioctl.h>
 
+#include "client-cli/output/round_value.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 
@@ -31,6 +32,12 @@ constexpr int kTableRows = 10;
 constexpr std::array<const char*, 9> kEighths{" ", "▁", "▂", "▃", "▄", "▅", "▆", "▇", "█"};
 
 std::string Number(double value) { return absl::StrFormat("%.6g", value); }
+
+// A value of the histogram, with as many digits as its range asks for. REQUIRES: there are bins.
+std::string ValueIn(const v1::GetHistogramResponse& histogram, double value) {
+  return FormatValue(RoundedValue(value, histogram.bins(0).min(),
+                                  histogram.bins(histogram.bins_size() - 1).max()));
+}
 
 const char* NameOf(v1::IsovalueSuggestion::Method method) {
   return method == v1::IsovalueSuggestion::METHOD_ONE_PERCENT ? "one_percent" : "between_classes";
@@ -115,19 +122,20 @@ std::string DrawCosts(const v1::GetHistogramResponse& histogram) {
   for (int row = 0; row < rows; ++row) {
     const int i = static_cast<int>((row + 0.5) * histogram.bins_size() / rows);
     const v1::HistogramBin& bin = histogram.bins(i);
-    table.AddRow({Number(0.5 * bin.min() + 0.5 * bin.max()), FormatCount(bin.active_block_count()),
-                  FormatMebibytes(bin.active_block_bytes()),
+    table.AddRow({ValueIn(histogram, 0.5 * bin.min() + 0.5 * bin.max()),
+                  FormatCount(bin.active_block_count()), FormatMebibytes(bin.active_block_bytes()),
                   ShortCount(static_cast<double>(bin.estimated_triangle_count()))});
   }
   return table.ToString();
 }
 
-std::string DescribeSuggestion(const v1::IsovalueSuggestion& suggestion) {
-  return absl::StrFormat("  --isovalue %-12s %s (%.3g %% inside)\n", Number(suggestion.isovalue()),
-                         suggestion.method() == v1::IsovalueSuggestion::METHOD_ONE_PERCENT
-                             ? "encloses one percent"
-                             : "between two classes",
-                         100 * suggestion.inside_fraction());
+std::string DescribeSuggestion(const v1::GetHistogramResponse& histogram,
+                               const v1::IsovalueSuggestion& suggestion) {
+  return absl::StrFormat(
+      "  --isovalue %-12s %s (%.3g %% inside)\n", ValueIn(histogram, suggestion.isovalue()),
+      suggestion.method() == v1::IsovalueSuggestion::METHOD_ONE_PERCENT ? "encloses one percent"
+                                                                        : "between two classes",
+      100 * suggestion.inside_fraction());
 }
 
 std::string DescribeApart(const v1::GetHistogramResponse& histogram) {
@@ -162,7 +170,7 @@ std::string DrawHistogram(const v1::GetHistogramResponse& histogram, const PlotO
   } else {
     absl::StrAppend(&text, "suggested:\n");
     for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
-      absl::StrAppend(&text, DescribeSuggestion(suggestion));
+      absl::StrAppend(&text, DescribeSuggestion(histogram, suggestion));
     }
   }
   return text;

@@ -11,14 +11,14 @@
 namespace isoscope::cli {
 
 absl::Status CheckSuffix(const std::string& path, absl::string_view suffix,
-                         absl::string_view format) {
+                         absl::string_view formats) {
   const std::filesystem::path name(path);
   const std::string actual = name.extension().string();
   if (actual.empty() || absl::EqualsIgnoreCase(actual, suffix) || io::IsSpecialFile(path)) {
     return absl::OkStatus();
   }
   return UsageError(absl::StrCat("--output '", path, "': the suffix '", actual,
-                                 "' is not that of the format written, ", format, "; expected '",
+                                 "' is of no format that is written: ", formats, "; expected '",
                                  name.stem().string(), suffix, "'"));
 }
 

@@ -12,9 +12,9 @@ namespace isoscope::cli {
 
 // UsageError if the name of `path` has another suffix than `suffix` (".png"; case does not matter),
 // because it implies a format that is not written. A name without a suffix, a device or a pipe
-// implies none. `format`: name of the written format, "PNG".
+// implies none. `formats`: all that are written, as the error lists them: ".png, .jpg".
 absl::Status CheckSuffix(const std::string& path, absl::string_view suffix,
-                         absl::string_view format);
+                         absl::string_view formats);
 
 }  // namespace isoscope::cli
 

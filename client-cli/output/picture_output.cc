@@ -34,6 +34,9 @@
 namespace isoscope::cli {
 namespace {
 
+// Of pictures, and of animations (client::IsAnimationName).
+constexpr char kPictureSuffixes[] = ".png and .jpg, and .apng and .webp for films";
+
 // Returns true if the request may give pixels that are not opaque.
 bool HasAlpha(const isoscope::v1::RenderIsosurfaceRequest& request) {
   if (!request.has_background_color()) {
@@ -155,7 +158,7 @@ absl::Status CheckPicturePath(const std::string& path, const view::Viewport& vie
     ISOSCOPE_RETURN_IF_ERROR(
         AsUsageError(client::CheckAnimationSize(path, viewport.width_px, viewport.height_px)));
   } else {
-    ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(first, ".png", "PNG"));
+    ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(first, ".png", kPictureSuffixes));
   }
   return absl::OkStatus();
 }

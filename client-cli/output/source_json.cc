@@ -16,11 +16,13 @@
 #include <optional>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
 
 #include "client-cli/output/info_lines.h"
+#include "client-cli/output/round_value.h"
 #include "core/base/printable.h"
 #include "core/base/shell_word.h"
 #include "core/base/units.h"
@@ -28,6 +30,7 @@
 #include "core/cli/table.h"
 #include "core/source/series_parts.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/scalar_span.h"
 
 namespace isoscope::cli {
 namespace {
@@ -101,6 +104,17 @@ struct DrawnField {
   std::string isovalue{};  // "VALUE" if no values were read; "" if none has a surface
 };
 
+// An isovalue in the middle that has a surface, with few digits; "": there is none.
+std::string MiddleIsovalueOf(const volume::ScalarSpan& span) {
+  std::string text = source::MiddleIsovalue(span);
+  double middle = 0;
+  if (!absl::SimpleAtod(text, &middle)) {
+    return text;
+  }
+  const double rounded = RoundedValue(middle, span.min, span.max);
+  return volume::IsActive(span, rounded) ? FormatValue(rounded) : text;
+}
+
 DrawnField DrawnFieldOf(const source::VolumeSeries& series, const SourceRanges& ranges) {
   const std::vector<source::SourceField>& fields = series.info().fields;
   if (ranges.steps == 0) {
@@ -111,7 +125,7 @@ DrawnField DrawnFieldOf(const source::VolumeSeries& series, const SourceRanges& 
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const std::vector<std::string>& components = fields[i].components;
     for (std::size_t k = 0; k < components.size(); ++k) {
-      std::string isovalue = source::MiddleIsovalue(ranges.ranges[i][k].span);
+      std::string isovalue = MiddleIsovalueOf(ranges.ranges[i][k].span);
       if (isovalue.empty()) {
         continue;
       }
@@ -191,7 +205,7 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
     const std::string isovalue = range == volume->end() ? "VALUE"
                                  : range->is_null()
                                      ? ""
-                                     : source::MiddleIsovalue({range->at(0), range->at(1)});
+                                     : MiddleIsovalueOf({range->at(0), range->at(1)});
     if (!isovalue.empty()) {
       commands.push_back(absl::StrCat("isoscope render ", drawn_input, " --isovalue ", isovalue));
     }

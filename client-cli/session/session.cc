@@ -39,6 +39,7 @@
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
+#include "isoscope/v1/dataset_service.pb.h"
 #include "partition-agent/shard/shard.h"
 #include "rpc/host_port.h"
 
@@ -282,6 +283,14 @@ absl::Status CheckUsage(const SessionFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
+absl::Status CheckInputExists(const SessionFlags& flags) {
+  if (!flags.input || store::IsDatasetDirectory(*flags.input)) {
+    return absl::OkStatus();
+  }
+  const absl::Status status = SourceFiles(RequestOf(flags.source, *flags.input)).status();
+  return absl::IsNotFound(status) ? status : absl::OkStatus();
+}
+
 Session::Session() : frame_timeout_(client::kAnswerTimeout) {}
 
 Session::~Session() = default;
@@ -322,6 +331,28 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
 }
 
 const std::shared_ptr<grpc::Channel>& Session::channel() const { return client_->channel(); }
+
+absl::StatusOr<isoscope::v1::Dataset> Session::GetDataset() {
+  absl::StatusOr<isoscope::v1::Dataset> dataset =
+      client_->GetDataset(dataset_name_, question_timeout());
+  if (!absl::IsNotFound(dataset.status()) || dataset_name_.empty()) {
+    return dataset;
+  }
+  const auto datasets = client_->ListDatasets(question_timeout());
+  if (!datasets.ok()) {
+    return dataset;
+  }
+  std::vector<std::string> known;
+  for (const isoscope::v1::Dataset& one : datasets->datasets()) {
+    known.push_back(one.name());
+  }
+  const std::string nearest = NearestName(dataset_name_, known);
+  if (nearest.empty()) {
+    return dataset;
+  }
+  return absl::NotFoundError(
+      absl::StrCat(dataset.status().message(), "; did you mean \"", nearest, "\"?"));
+}
 
 void Session::AdaptSelection(client::SelectionFlags* selection) const {
   if (dataset_.is_only_volume) {

@@ -25,6 +25,7 @@
 #include "core/cli/flag_set.h"
 #include "core/render/renderer_kind.h"
 #include "core/view/camera.h"
+#include "isoscope/v1/dataset.pb.h"
 
 namespace grpc {  // NOLINT(readability-identifier-naming): theirs
 class Channel;
@@ -68,6 +69,10 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
 
+// NOT_FOUND if the input is neither a dataset folder nor a source. Other errors are left to
+// PrepareInput. For messages: whoever mistyped a path need not hear first that a flag is missing.
+absl::Status CheckInputExists(const SessionFlags& flags);
+
 // Returns the dataset directory of flags.input: itself, or the cache entry of a source, which is
 // partitioned first if needed. The entry of a source of several volumes has the `wanted` ones;
 // null: all. Says on standard error what a dataset directory lacks, and what is taken of a source
@@ -98,6 +103,8 @@ class Session {
   [[nodiscard]] const std::string& token() const { return token_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
+  // The description of the dataset. NOT_FOUND suggests a name of the server that is near.
+  [[nodiscard]] absl::StatusOr<isoscope::v1::Dataset> GetDataset();
   // Takes out what chooses the only volume of a source: its dataset has neither fields nor steps.
   // That the choice is right was checked when the source was opened.
   void AdaptSelection(client::SelectionFlags* selection) const;

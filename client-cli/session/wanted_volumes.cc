@@ -21,6 +21,7 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
+#include "core/cli/usage.h"
 #include "core/source/series_parts.h"
 #include "core/source/series_selection.h"
 #include "core/store/series_manifest.h"
@@ -43,9 +44,18 @@ absl::StatusOr<int> FindField(const std::string& text, const VolumeSeries& sourc
                    : std::optional<std::size_t>(static_cast<std::size_t>(field - fields.begin()));
       });
   if (!found.has_value()) {
-    return absl::InvalidArgumentError(absl::StrCat(source.info().name, ": no field \"", text,
-                                                   "\"; it has ", source::DescribeFields(fields),
-                                                   source::OtherGridAdvice(source.info(), text)));
+    std::vector<std::string> known;
+    for (const SourceField& field : fields) {
+      known.push_back(field.name);
+    }
+    std::string nearest = NearestName(text, known);
+    if (nearest.empty()) {
+      nearest = NearestName(text.substr(0, text.find(':')), known);
+    }
+    return absl::InvalidArgumentError(
+        absl::StrCat(source.info().name, ": no field \"", text, "\"; it has ",
+                     source::DescribeFields(fields), source::OtherGridAdvice(source.info(), text),
+                     nearest.empty() ? "" : absl::StrCat("; did you mean \"", nearest, "\"?")));
   }
   // A number names a component, too.
   const std::vector<std::string>& components = fields[found->field].components;

@@ -41,6 +41,18 @@ void AddShowFlag(FlagSet* set, std::optional<ShowMode>* mode, const std::string&
 
 bool IsFormat(ShowMode mode) { return mode != ShowMode::kAuto && mode != ShowMode::kNever; }
 
+bool IsBlocks(PictureFormat format) {
+  return format == PictureFormat::kBlocks24Bit || format == PictureFormat::kBlocks256 ||
+         format == PictureFormat::kBlocks16 || format == PictureFormat::kBlocks8;
+}
+
+BlockColors ColorsOfBlocks(PictureFormat format) {
+  return format == PictureFormat::kBlocks24Bit ? BlockColors::k24Bit
+         : format == PictureFormat::kBlocks256 ? BlockColors::k256
+         : format == PictureFormat::kBlocks16  ? BlockColors::k16
+                                               : BlockColors::k8;
+}
+
 std::optional<PictureFormat> FormatOf(ShowMode mode, const Environment& environment) {
   switch (mode) {
     case ShowMode::kAuto:
@@ -79,7 +91,7 @@ PictureDisplay PictureDisplay::ForStandardOutput(ShowMode mode, const Context& c
 
 view::Viewport PictureDisplay::SizeOf(const view::Viewport& size) const {
   constexpr int kNoLimit = std::numeric_limits<int>::max();
-  if (is_blocks()) {
+  if (IsBlocks(format_)) {
     const TerminalSize terminal = terminal_.value_or(
         TerminalSize{.columns = kFileColumns, .rows = kNoLimit / 4, .pixels = {}});
     const bool knows_cells = terminal.pixels.width_px > 0;
@@ -135,10 +147,10 @@ absl::StatusOr<std::string> PictureDisplay::Encode(const image::RgbaImage& pictu
       break;
     }
     case PictureFormat::kBlocks24Bit:
-      text = BlockPicture(picture, BlockColors::k24Bit, "\n");
-      break;
     case PictureFormat::kBlocks256:
-      text = BlockPicture(picture, BlockColors::k256, "\n");
+    case PictureFormat::kBlocks16:
+    case PictureFormat::kBlocks8:
+      text = BlockPicture(picture, ColorsOfBlocks(format_), "\n");
       break;
   }
   return text + "\n";

@@ -23,6 +23,10 @@ enum class ShowMode { kAuto, kNever, kKitty, kITerm2, kSixel, kBlocks };
 void AddShowFlag(FlagSet* set, std::optional<ShowMode>* mode, const std::string& help);
 // Returns true for modes that name a format; they apply to any standard output.
 bool IsFormat(ShowMode mode);
+// Returns true for the formats of half blocks.
+bool IsBlocks(PictureFormat format);
+// REQUIRES: IsBlocks(format).
+BlockColors ColorsOfBlocks(PictureFormat format);
 // Returns the requested format; blocks use the colours of the environment. Unset for kAuto and
 // kNever.
 std::optional<PictureFormat> FormatOf(ShowMode mode, const Environment& environment);
@@ -45,9 +49,6 @@ class PictureDisplay {
   [[nodiscard]] absl::StatusOr<std::string> Encode(const image::RgbaImage& picture) const;
 
  private:
-  [[nodiscard]] bool is_blocks() const {
-    return format_ == PictureFormat::kBlocks24Bit || format_ == PictureFormat::kBlocks256;
-  }
   // Returns the cells of a picture in a terminal that does not report its pixels.
   [[nodiscard]] CellBox BoxOf(const image::RgbaImage& picture) const;
 

@@ -138,7 +138,12 @@ PictureFormat BlocksOfEnvironment(const Environment& environment) {
       absl::StartsWith(term, "xterm-ghostty");
   // Screen shows other colours wrongly.
   const bool is_screen = IsSet(environment, "STY");
-  return has_all_colors && !is_screen ? PictureFormat::kBlocks24Bit : PictureFormat::kBlocks256;
+  if (has_all_colors && !is_screen) {
+    return PictureFormat::kBlocks24Bit;
+  }
+  return term == "linux" || term == "ansi"  ? PictureFormat::kBlocks8
+         : absl::EndsWith(term, "-16color") ? PictureFormat::kBlocks16
+                                            : PictureFormat::kBlocks256;
 }
 
 std::optional<PictureFormat> FormatOfEnvironment(const Environment& environment) {

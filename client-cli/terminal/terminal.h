@@ -25,6 +25,8 @@ enum class PictureFormat {
   kSixel,
   kBlocks24Bit,  // half blocks in any colour
   kBlocks256,    // half blocks in the colours of xterm
+  kBlocks16,     // half blocks in ANSI's colours and their bright ones
+  kBlocks8,      // half blocks in ANSI's colours
 };
 
 struct TerminalSize {

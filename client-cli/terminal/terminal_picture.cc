@@ -4,6 +4,8 @@
 // * iTerm2: https://iterm2.com/documentation-images.html
 // * sixel: DEC's VT330/VT340 manual, chapter 14; bytes by libsixel
 // * half blocks: U+2580, its foreground is the upper pixel, its background the lower one
+// * ordered dither: Bayer 1973, a matrix of 4 x 4 thresholds, the same for red, green and blue, so
+//   that grey gets no hue
 
 #include "client-cli/terminal/terminal_picture.h"
 
@@ -11,7 +13,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <memory>
 #include <optional>
 #include <unordered_map>
@@ -184,45 +185,124 @@ absl::StatusOr<std::string> IndexedSixel(const image::RgbaImage& picture,
 
 // --- half blocks ---------------------------------------------------------------------------------
 
-// "38;2;r;g;b" or "38;5;n"; a background begins with 48.
-std::string ColorCode(const char* layer, image::Rgba8 color, BlockColors colors) {
-  return colors == BlockColors::k24Bit
-             ? absl::StrCat(layer, ";2;", color.r, ";", color.g, ";", color.b)
-             : absl::StrCat(layer, ";5;", NearestXtermColor(color));
+constexpr int kMatrixSide = 4;
+constexpr int kThresholds = kMatrixSide * kMatrixSide;
+// Ranks of thresholds: those of neighbours are far apart.
+constexpr std::array<std::array<int, kMatrixSide>, kMatrixSide> kMatrix = {
+    {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}}};
+
+// Of two neighbouring levels the one that stands for `value` where the threshold has this rank.
+// `levels`: ascending, from 0 to 255. Returns its index.
+template <std::size_t Count>
+int DitheredLevel(const std::array<int, Count>& levels, int value, int rank) {
+  const auto above = std::upper_bound(levels.begin(), levels.end(), value);
+  const auto below = above - 1;
+  const auto index = static_cast<int>(below - levels.begin());
+  if (above == levels.end()) {
+    return index;
+  }
+  // The threshold is in the middle of its rank.
+  const bool is_above = 2 * kThresholds * (value - *below) > (2 * rank + 1) * (*above - *below);
+  return is_above ? index + 1 : index;
 }
 
-// The colours in effect, so that each is set once: "" for the terminal's own.
+// xterm's colours 16 to 231 are a cube of six levels.
+constexpr std::array<int, 6> kCubeLevels = {0, 95, 135, 175, 215, 255};
+constexpr int kFirstOfCube = 16;
+constexpr int kGraysOfRamp = 24;
+constexpr int kFirstGray = 232;
+
+struct Gray {
+  int level;
+  int color;  // of xterm
+};
+constexpr std::size_t kGrayCount = kCubeLevels.size() + kGraysOfRamp;
+
+// All greys, by their levels: those of the cube, and 8, 18, ..., 238.
+std::array<Gray, kGrayCount> XtermGrays() {
+  std::array<Gray, kGrayCount> grays{};
+  std::size_t count = 0;
+  for (int i = 0; i < static_cast<int>(kCubeLevels.size()); ++i) {
+    grays[count++] = {kCubeLevels[static_cast<std::size_t>(i)], kFirstOfCube + i * (36 + 6 + 1)};
+  }
+  for (int i = 0; i < kGraysOfRamp; ++i) {
+    grays[count++] = {8 + 10 * i, kFirstGray + i};
+  }
+  std::sort(grays.begin(), grays.end(), [](Gray a, Gray b) { return a.level < b.level; });
+  return grays;
+}
+
+int DitheredXtermColor(image::Rgba8 color, int rank) {
+  if (color.r == color.g && color.g == color.b) {
+    static const std::array<Gray, kGrayCount> grays = XtermGrays();
+    static const std::array<int, kGrayCount> levels = [] {
+      std::array<int, kGrayCount> all{};
+      std::transform(grays.begin(), grays.end(), all.begin(), [](Gray gray) { return gray.level; });
+      return all;
+    }();
+    return grays[static_cast<std::size_t>(DitheredLevel(levels, color.r, rank))].color;
+  }
+  return kFirstOfCube + 36 * DitheredLevel(kCubeLevels, color.r, rank) +
+         6 * DitheredLevel(kCubeLevels, color.g, rank) + DitheredLevel(kCubeLevels, color.b, rank);
+}
+
+// Red, green and blue as bits, as ANSI has them.
+int DitheredAnsiColor(image::Rgba8 color, int rank) {
+  constexpr std::array<int, 2> kLevels = {0, 255};
+  return DitheredLevel(kLevels, color.r, rank) + 2 * DitheredLevel(kLevels, color.g, rank) +
+         4 * DitheredLevel(kLevels, color.b, rank);
+}
+
+// The code of a foreground: "38;2;r;g;b", "38;5;n", or of ANSI's colours "31", bright "91". Empty
+// if the pixel does not show.
+std::string ColorCode(image::Rgba8 pixel, int x, int y, BlockColors colors) {
+  if (!IsShown(pixel)) {
+    return "";
+  }
+  const int rank =
+      kMatrix[static_cast<std::size_t>(y % kMatrixSide)][static_cast<std::size_t>(x % kMatrixSide)];
+  if (colors == BlockColors::k24Bit) {
+    return absl::StrCat("38;2;", pixel.r, ";", pixel.g, ";", pixel.b);
+  }
+  if (colors == BlockColors::k256) {
+    return absl::StrCat("38;5;", DitheredXtermColor(pixel, rank));
+  }
+  const int color = DitheredAnsiColor(pixel, rank);
+  const bool is_bright = colors == BlockColors::k16 && color > 0;
+  return absl::StrCat(is_bright ? "9" : "3", color);
+}
+
+// The code that has the colour of `foreground` behind a character.
+std::string BackgroundCode(absl::string_view foreground) {
+  return absl::StrCat(foreground[0] == '9' ? "10" : "4", foreground.substr(1));
+}
+
+// The codes in effect, so that each is set once: "" for the terminal's own.
 struct CellColors {
   std::string foreground;
   std::string background;
 };
 
-// Appends a cell of two pixels.
-void AppendCell(image::Rgba8 upper, image::Rgba8 lower, BlockColors colors, CellColors* set,
+// Appends a cell of two pixels, by their codes as ColorCode has them.
+void AppendCell(const std::string& upper, const std::string& lower, CellColors* set,
                 std::string* text) {
   constexpr char kUpperHalf[] = "\xE2\x96\x80";
   constexpr char kLowerHalf[] = "\xE2\x96\x84";
-  const bool swaps = !IsShown(upper) && IsShown(lower);
-  const image::Rgba8 front = swaps ? lower : upper;
-  const bool has_front = IsShown(front);
-  const bool has_back = IsShown(upper) && IsShown(lower);
-  const std::string background = has_back ? ColorCode("48", lower, colors) : "";
+  const bool swaps = upper.empty() && !lower.empty();
+  const std::string& front = swaps ? lower : upper;
+  const bool has_back = !upper.empty() && !lower.empty();
+  const std::string background = has_back ? BackgroundCode(lower) : "";
   if (background != set->background) {
     absl::StrAppend(text, "\x1B[", background.empty() ? "49" : background, "m");
     set->background = background;
   }
-  if (!has_front) {
-    absl::StrAppend(text, " ");
+  if (front.empty() || (has_back && upper == lower)) {
+    absl::StrAppend(text, " ");  // nothing, or both pixels are the background
     return;
   }
-  const std::string foreground = ColorCode("38", front, colors);
-  if (has_back && foreground.substr(2) == background.substr(2)) {
-    absl::StrAppend(text, " ");  // both pixels are the background
-    return;
-  }
-  if (foreground != set->foreground) {
-    absl::StrAppend(text, "\x1B[", foreground, "m");
-    set->foreground = foreground;
+  if (front != set->foreground) {
+    absl::StrAppend(text, "\x1B[", front, "m");
+    set->foreground = front;
   }
   absl::StrAppend(text, swaps ? kLowerHalf : kUpperHalf);
 }
@@ -288,50 +368,22 @@ absl::StatusOr<std::string> SixelPicture(const image::RgbaImage& picture, SixelQ
   return EncodeSixel(&rgb, picture, dither->get());
 }
 
-int NearestXtermColor(image::Rgba8 color) {
-  // 16 to 231: a cube of six levels; 232 to 255: greys.
-  constexpr std::array<int, 6> kLevels = {0, 95, 135, 175, 215, 255};
-  const auto nearest_level = [&](int value) {
-    int best = 0;
-    for (int i = 1; i < 6; ++i) {
-      if (std::abs(kLevels[static_cast<std::size_t>(i)] - value) <
-          std::abs(kLevels[static_cast<std::size_t>(best)] - value)) {
-        best = i;
-      }
-    }
-    return best;
-  };
-  const auto gray_of = [](int value) {
-    const auto byte = static_cast<std::uint8_t>(value);
-    return image::Rgba8{byte, byte, byte, 255};
-  };
-  const int red = nearest_level(color.r);
-  const int green = nearest_level(color.g);
-  const int blue = nearest_level(color.b);
-  const auto level = [&](int i) {
-    return static_cast<std::uint8_t>(kLevels[static_cast<std::size_t>(i)]);
-  };
-  const image::Rgba8 cube{level(red), level(green), level(blue), 255};
-  const int gray = std::clamp(((color.r + color.g + color.b) / 3 - 3) / 10, 0, 23);
-  return SquaredDistance(gray_of(8 + 10 * gray), color) < SquaredDistance(cube, color)
-             ? 232 + gray
-             : 16 + 36 * red + 6 * green + blue;
-}
-
 std::string BlockPicture(const image::RgbaImage& picture, BlockColors colors,
                          absl::string_view line_end) {
   std::string text;
   for (int y = 0; y < picture.height; y += 2) {
     CellColors set;
-    const auto row = [&](int index) {
-      return &picture.pixels[static_cast<std::size_t>(index) *
-                             static_cast<std::size_t>(picture.width)];
+    const auto code = [&](int x, int row) {
+      return row < picture.height
+                 ? ColorCode(picture.pixels[static_cast<std::size_t>(row) *
+                                                static_cast<std::size_t>(picture.width) +
+                                            static_cast<std::size_t>(x)],
+                             x, row, colors)
+                 : "";
     };
-    const image::Rgba8* const upper = row(y);
-    const image::Rgba8* const lower = y + 1 < picture.height ? row(y + 1) : nullptr;
     absl::StrAppend(&text, y > 0 ? line_end : "");
     for (int x = 0; x < picture.width; ++x) {
-      AppendCell(upper[x], lower != nullptr ? lower[x] : image::Rgba8{}, colors, &set, &text);
+      AppendCell(code(x, y), code(x, y + 1), &set, &text);
     }
     absl::StrAppend(&text, "\x1B[0m");
   }

@@ -44,15 +44,16 @@ absl::StatusOr<std::string> SixelPicture(const image::RgbaImage& picture, SixelQ
 
 enum class BlockColors {
   k24Bit,
-  k256,  // the nearest colour of xterm's cube and greys
+  k256,  // xterm's cube and greys
+  k16,   // black, and the seven bright ones of ANSI's colours
+  k8,    // ANSI's eight: the Linux console has no bright ones behind a character
 };
 // Returns rows of half blocks, each two pixels high, separated by `line_end`. Alpha as
-// SixelPicture.
+// SixelPicture. The colours of a palette are dithered by a fixed matrix: their mean is the
+// picture's, a picture always gives the same bytes, and a pixel in a colour of xterm's cube or greys
+// keeps it.
 std::string BlockPicture(const image::RgbaImage& picture, BlockColors colors,
                          absl::string_view line_end);
-
-// Returns the nearest colour of xterm's palette, in [16, 255].
-int NearestXtermColor(image::Rgba8 color);
 
 }  // namespace isoscope::cli
 

@@ -22,10 +22,6 @@ constexpr int kMaxSamplesOfBlock = 4;
 // Size of a character, if it is unknown.
 constexpr view::Viewport kUsualCell{.width_px = 8, .height_px = 16};
 
-bool IsBlocks(PictureFormat format) {
-  return format == PictureFormat::kBlocks24Bit || format == PictureFormat::kBlocks256;
-}
-
 view::Viewport ScaledToSide(const view::Viewport& size, int max_side) {
   const double scale =
       std::min(1.0, static_cast<double>(max_side) / std::max(size.width_px, size.height_px));
@@ -88,8 +84,7 @@ absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
       return BlockPicture(
           client::ScalePicture(std::move(picture),
                                {.width_px = layout.box.columns, .height_px = 2 * layout.box.rows}),
-          layout.format == PictureFormat::kBlocks24Bit ? BlockColors::k24Bit : BlockColors::k256,
-          "\r\n");
+          ColorsOfBlocks(layout.format), "\r\n");
   }
 }
 

@@ -81,7 +81,7 @@ std::string Options(const CommandDescription& command) {
   }
   std::string text = ".SH OPTIONS\n";
   for (const std::string& group : groups) {
-    if (groups.size() > 1 && group != "Options") {
+    if (groups.size() > 1 && (group != "Options" || group != groups.front())) {
       absl::StrAppend(&text, ".SS ", Escaped(group), "\n");
     }
     for (const FlagDescription& flag : command.flags) {

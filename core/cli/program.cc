@@ -10,13 +10,11 @@
 #include <algorithm>
 #include <cstddef>
 #include <fstream>
-#include <iterator>
 #include <ostream>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
@@ -27,7 +25,13 @@
 namespace isoscope::cli {
 namespace {
 
-bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
+constexpr char kHelpAll[] = "--help-all";
+// Where the summaries of commands begin.
+constexpr int kCommandIndent = 15;
+
+bool IsHelp(const std::string& argument) {
+  return argument == "--help" || argument == "-h" || argument == kHelpAll;
+}
 
 // FlagSet reads "-.5" as flags of one letter, but "-0.5" as a number.
 std::string ReadableNumber(const std::string& argument) {
@@ -38,22 +42,46 @@ std::string ReadableNumber(const std::string& argument) {
   return argument;
 }
 
+// Declares the flags of a command. --help-all is for commands whose --help leaves flags out.
+Action Declare(const Program& program, const Command& command, bool* wants_all, FlagSet* set) {
+  Action action = command.register_flags(set);
+  if (program.help.common.contains(command.name)) {
+    set->AddSwitch(kHelpAll, wants_all, "Print the help of all flags and exit");
+  }
+  return action;
+}
+
+// `set`: with the flags of the command.
+CommandDescription DescribeCommand(const Program& program, const Command& command,
+                                   const FlagSet& set) {
+  CommandDescription description{.name = command.name,
+                                 .summary = command.summary,
+                                 .usage = command.usage,
+                                 .examples = command.examples,
+                                 .flags = set.Describe()};
+  Arrange(program.help, &description);
+  AddWords(program.words, &description);
+  return description;
+}
+
 // Reads `arguments`, those behind the command's name, and runs the command.
 absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
                  const Context& context) {
-  const std::string name = absl::StrCat(context.program->name, " ", command.name);
-  FlagSet set({.name = name,
-               .summary = command.summary,
-               .usage = absl::StrCat(name, " ", command.usage),
-               .notes = absl::StrCat("\nExamples:\n", command.examples),
-               .names_nearest_flag = true});
-  const Action action = command.register_flags(&set);
+  const Program& program = *context.program;
+  FlagSet set({.name = absl::StrCat(program.name, " ", command.name), .names_nearest_flag = true});
+  bool wants_all = false;
+  const Action action = Declare(program, command, &wants_all, &set);
 
   std::vector<std::string> readable;
-  std::transform(arguments.begin(), arguments.end(), std::back_inserter(readable), ReadableNumber);
+  for (const std::string& argument : arguments) {
+    // As --help it wins over whatever is wrong with other arguments.
+    wants_all = wants_all || argument == kHelpAll;
+    readable.push_back(argument == kHelpAll ? "--help" : ReadableNumber(argument));
+  }
   ISOSCOPE_RETURN_IF_ERROR(set.Parse(readable));
   if (!set.requested_text().empty()) {
-    *context.out << set.requested_text();
+    *context.out << HelpText(program.name, DescribeCommand(program, command, set), program.help,
+                             wants_all ? HelpPart::kAll : HelpPart::kCommon, context.out_columns);
     return absl::OkStatus();
   }
   return action(context);
@@ -93,12 +121,12 @@ class CommandTable {
     return found == commands_.end() ? nullptr : &*found;
   }
 
-  // One line for each command whose name starts with `prefix`.
-  [[nodiscard]] std::string List(const std::string& prefix) const {
+  // An entry for each command whose name starts with `prefix`, in lines of `columns` characters.
+  [[nodiscard]] std::string List(const std::string& prefix, int columns) const {
     std::string text;
     for (const Command& command : commands_) {
       if (absl::StartsWith(command.name, prefix)) {
-        absl::StrAppendFormat(&text, "  %-12s %s\n", command.name, command.summary);
+        absl::StrAppend(&text, HelpEntry(command.name, command.summary, kCommandIndent, columns));
       }
     }
     return text;
@@ -108,10 +136,10 @@ class CommandTable {
   [[nodiscard]] std::string JoinedNames() const { return absl::StrJoin(Names(), ", "); }
 
   // The text of --help.
-  [[nodiscard]] std::string Overview() const {
+  [[nodiscard]] std::string Overview(int columns) const {
     return absl::StrCat(
         program_.name, ": ", program_.summary, "\n\nUsage: ", program_.name,
-        " COMMAND ...\n\nCommands:\n", List(""),
+        " COMMAND ...\n\nCommands:\n", List("", columns),
         "\nOptions:\n"
         "  -h, --help  this text; '",
         program_.name,
@@ -122,8 +150,9 @@ class CommandTable {
         program_.example);
   }
 
-  // The error for a `name` that Find doesn't know: names the commands that may have been meant.
-  [[nodiscard]] absl::Status Unknown(const std::string& name) const {
+  // The error for a `name` that Find doesn't know, and the word behind it, if any: names the
+  // commands that may have been meant.
+  [[nodiscard]] absl::Status Unknown(const std::string& name, const std::string& second) const {
     if (absl::StartsWith(name, "-")) {
       return UsageError(
           absl::StrCat("unknown flag ", name, "; a command comes first: ", JoinedNames()));
@@ -137,17 +166,25 @@ class CommandTable {
         longer.push_back(known);
       }
     }
-    if (!longer.empty()) {
+    if (!longer.empty() && (second.empty() || absl::StartsWith(second, "-"))) {
       return UsageError(absl::StrCat(
           "'", name, "' is the first of two words; there are: ", absl::StrJoin(longer, ", ")));
     }
-    const std::string nearest = NearestName(name, Names());
-    return UsageError(absl::StrCat("'", name, "' is no command",
-                                   nearest.empty() ? "." : ", did you mean '" + nearest + "'?",
-                                   " There are: ", JoinedNames()));
+    if (!longer.empty()) {
+      return NoCommand(absl::StrCat(name, " ", second), longer);
+    }
+    return NoCommand(name, Names());
   }
 
  private:
+  // `known`: the commands that are meant, by all that is known of `name`.
+  static absl::Status NoCommand(const std::string& name, const std::vector<std::string>& known) {
+    const std::string nearest = NearestName(name, known);
+    return UsageError(absl::StrCat("'", name, "' is no command",
+                                   nearest.empty() ? "." : ", did you mean '" + nearest + "'?",
+                                   " There are: ", absl::StrJoin(known, ", ")));
+  }
+
   [[nodiscard]] std::vector<std::string> Names() const {
     std::vector<std::string> names;
     names.reserve(commands_.size());
@@ -167,7 +204,7 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
     return UsageError(absl::StrCat("a command is missing; there are: ", commands.JoinedNames()));
   }
   if (IsHelp(arguments[0]) || (arguments[0] == "help" && arguments.size() == 1)) {
-    *context.out << commands.Overview();
+    *context.out << commands.Overview(context.out_columns);
     return absl::OkStatus();
   }
   if (arguments[0] == "--version") {
@@ -188,12 +225,12 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
   }
   const Command* command = commands.Find(name);
   if (command == nullptr) {
-    const std::string two_word_commands = commands.List(name + " ");
+    const std::string two_word_commands = commands.List(name + " ", context.out_columns);
     if (!two_word_commands.empty() && !rest.empty() && IsHelp(rest[0])) {
       *context.out << "Commands:\n" << two_word_commands;
       return absl::OkStatus();
     }
-    return commands.Unknown(name);
+    return commands.Unknown(name, rest.empty() ? "" : rest[0]);
   }
   *command_name = name;
   return Run(*command, rest, context);
@@ -208,12 +245,9 @@ ProgramDescription DescribeProgram(const Program& program) {
                                  .commands = {}};
   for (const Command& command : program.commands) {
     FlagSet set;
-    const Action action = command.register_flags(&set);
-    description.commands.push_back({.name = command.name,
-                                    .summary = command.summary,
-                                    .usage = command.usage,
-                                    .examples = command.examples,
-                                    .flags = set.Describe()});
+    bool wants_all = false;
+    const Action action = Declare(program, command, &wants_all, &set);
+    description.commands.push_back(DescribeCommand(program, command, set));
   }
   return description;
 }

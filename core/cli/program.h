@@ -9,6 +9,7 @@
 
 #include "core/cli/command.h"
 #include "core/cli/command_description.h"
+#include "core/cli/help_text.h"
 
 namespace isoscope::cli {
 
@@ -20,6 +21,8 @@ struct Program {
   // Commands that the program once had, and the end of the sentence that says so: "it is a program
   // of its own: isoscope-bench".
   std::map<std::string, std::string> moved = {};
+  HelpLayout help = {};                // of --help of the commands
+  std::vector<ValueWords> words = {};  // for shells, beside those that names of values have
 };
 
 // Prints the script that completes `program` in a shell.

@@ -2,7 +2,8 @@
 //
 // 1. The first word is completed from FirstWords, the second one from SecondWords.
 // 2. Behind a known command, names of flags are completed.
-// 3. Behind a flag with a value, its words, files or folders are completed.
+// 3. Behind a flag with a value, its words, files or folders are completed. Words with a colon,
+//    "z:viridis", are offered once one is typed.
 //
 // Every text goes through the quoting function of its shell (Quoted, ZshText, FishQuoted), so no
 // help text can end a string of the script or start a command.
@@ -132,13 +133,21 @@ std::string BashCommand(const CommandDescription& command) {
 
 constexpr char kBashBegin[] = R"(() {
   local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]}
-  local flag= flags= words= kind=none is_value=1 command=
+  local flag= flags= words= kind=none is_value=1 command= stem= at=$COMP_CWORD word
   COMPREPLY=()
-  # "--flag=value" comes as three words.
+  # "--flag=value" comes as three words, and so does "z:value", of which the last is replaced.
+  if [[ $cur == : || $prev == : ]]; then
+    local text=$cur
+    while (( at > 1 )) && [[ ${COMP_WORDS[at]} == : || ${COMP_WORDS[at-1]} == : ]]; do
+      (( at-- ))
+      text=${COMP_WORDS[at]}$text
+    done
+    cur=$text stem=${text%"${text##*:}"} prev=${COMP_WORDS[at-1]}
+  fi
   if [[ $cur == = ]]; then
     flag=$prev cur=
-  elif [[ $prev == = && $COMP_CWORD -ge 2 ]]; then
-    flag=${COMP_WORDS[COMP_CWORD-2]}
+  elif [[ $prev == = && $at -ge 2 ]]; then
+    flag=${COMP_WORDS[at-2]}
   elif [[ $prev == -* ]]; then
     flag=$prev
   fi
@@ -148,7 +157,12 @@ constexpr char kBashEnd[] = R"(  if [[ -z $is_value && $cur == -* ]]; then
     COMPREPLY=($(compgen -W "$flags" -- "$cur"))
     return
   fi
-  [[ -n $words ]] && COMPREPLY=($(compgen -W "$words" -- "$cur"))
+  for word in $(compgen -W "$words" -- "$cur"); do
+    [[ $word == *:* && $cur != *:* ]] || COMPREPLY+=("$word")
+  done
+  # A colon may follow.
+  [[ ${#COMPREPLY[@]} -eq 1 && " $words" == *" ${COMPREPLY[0]}:"* ]] &&
+    compopt -o nospace 2>/dev/null
   local IFS=$'\n'
   if [[ $kind == file ]]; then
     compopt -o filenames 2>/dev/null
@@ -157,6 +171,7 @@ constexpr char kBashEnd[] = R"(  if [[ -z $is_value && $cur == -* ]]; then
     compopt -o filenames 2>/dev/null
     COMPREPLY+=($(compgen -d -- "$cur"))
   fi
+  COMPREPLY=("${COMPREPLY[@]#"$stem"}")
 }
 )";
 
@@ -207,7 +222,24 @@ std::string ZshAction(const FlagDescription& flag) {
   if (flag.takes_folders) {
     return "_files -/";
   }
-  return flag.choices.empty() ? " " : absl::StrCat("(", absl::StrJoin(flag.choices, " "), ")");
+  if (flag.choices.empty()) {
+    return " ";
+  }
+  const std::string all = absl::StrJoin(flag.choices, " ");
+  if (!absl::StrContains(all, ":")) {
+    return absl::StrCat("(", all, ")");
+  }
+  std::vector<std::string> longer;  // with a colon
+  std::vector<std::string> heads;   // a colon may follow
+  std::vector<std::string> plain;
+  for (const std::string& choice : flag.choices) {
+    const bool is_head = absl::StrContains(absl::StrCat(" ", all), absl::StrCat(" ", choice, ":"));
+    (absl::StrContains(choice, ":") ? longer : is_head ? heads : plain).push_back(choice);
+  }
+  return absl::StrCat("{ if [[ $PREFIX == *\\:* ]]; then compadd -- ",
+                      ZshText(absl::StrJoin(longer, " ")), "; else compadd -S \"\" -- ",
+                      absl::StrJoin(heads, " "), "; compadd -- ", absl::StrJoin(plain, " "),
+                      "; fi }");
 }
 
 std::string ZshCommand(const CommandDescription& command, absl::string_view indent) {
@@ -285,14 +317,20 @@ std::string FishQuoted(absl::string_view text) {
   return absl::StrCat("'", absl::StrReplaceAll(text, {{"\\", "\\\\"}, {"'", "\\'"}}), "'");
 }
 
-std::string FishFlag(const std::string& begin, const FlagDescription& flag) {
+// `words_function`: the one of the script that chooses among words with colons.
+std::string FishFlag(const std::string& begin, const std::string& words_function,
+                     const FlagDescription& flag) {
   std::string text = begin;
   for (const std::string& name : flag.names) {
     absl::StrAppend(&text, absl::StartsWith(name, "--") ? " -l " : " -s ",
                     absl::StripPrefix(absl::StripPrefix(name, "-"), "-"));
   }
   if (!flag.choices.empty()) {
-    absl::StrAppend(&text, " -a ", FishQuoted(absl::StrJoin(flag.choices, " ")));
+    const std::string words = absl::StrJoin(flag.choices, " ");
+    absl::StrAppend(&text, " -a ",
+                    FishQuoted(absl::StrContains(words, ":")
+                                   ? absl::StrCat("(", words_function, " ", words, ")")
+                                   : words));
   }
   const bool wants_files = flag.takes_files || flag.takes_folders;
   if (flag.takes_folders && !flag.takes_files) {
@@ -311,7 +349,17 @@ std::string FishFlag(const std::string& begin, const FlagDescription& flag) {
 
 std::string FishScript(const ProgramDescription& program) {
   const std::string is_command = absl::StrCat("_", Identifier(program.name), "_is");
-  std::string text = absl::StrCat("# Completion of ", program.name, " for fish.\n");
+  const std::string words_function = absl::StrCat("_", Identifier(program.name), "_words");
+  std::string text =
+      absl::StrCat("# Completion of ", program.name, " for fish.\nfunction ", words_function, R"(
+    set -l typed (commandline -ct)
+    if string match -q '*:*' -- $typed
+        printf '%s\n' $argv
+    else
+        string match -v '*:*' -- $argv
+    end
+end
+)");
   const std::string begin = absl::StrCat("complete -c ", program.name);
   absl::StrAppend(&text, begin, " -f\n");
   if (HasCommands(program)) {
@@ -347,7 +395,7 @@ end
                            FishQuoted(absl::StrCat(is_command, " \"", command.name, "\"")));
     for (const FlagDescription& flag : command.flags) {
       if (!flag.names.empty() || flag.takes_files || flag.takes_folders || !flag.choices.empty()) {
-        absl::StrAppend(&text, FishFlag(command_condition, flag));
+        absl::StrAppend(&text, FishFlag(command_condition, words_function, flag));
       }
     }
   }

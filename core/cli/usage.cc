@@ -68,10 +68,19 @@ std::string FormatError(absl::string_view program, absl::string_view command,
 }
 
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known) {
+  // A single letter is near to any other. A stranger may send words longer than any name.
+  constexpr std::size_t kMinLength = 2;
+  constexpr std::size_t kMaxLength = 256;
   std::string nearest;
+  if (typed.size() < kMinLength || typed.size() > kMaxLength) {
+    return nearest;
+  }
   // A word with more than a third of its letters wrong counts as another word.
   std::size_t best = std::max<std::size_t>(1, typed.size() / 3) + 1;
   for (const std::string& name : known) {
+    if (name.size() >= typed.size() + best || typed.size() >= name.size() + best) {
+      continue;
+    }
     const std::size_t distance = EditDistance(typed, name);
     if (distance < best) {
       best = distance;

@@ -12,9 +12,10 @@ class Program:
     """One program: `flags` as "--listen", `variables` as "ISOSCOPE_LISTEN", `port` of its --listen."""
 
     def __init__(self, path: pathlib.Path, arguments: tuple[str, ...] = ()):
-        run = subprocess.run([path, *arguments, "--help"], capture_output=True, text=True, timeout=60)
+        question = "--help-all" if arguments else "--help"  # a command's --help has the common flags alone
+        run = subprocess.run([path, *arguments, question], capture_output=True, text=True, timeout=60)
         if run.returncode != 0:
-            raise RuntimeError(f"{path} {arguments} --help: {run.stdout}{run.stderr}")
+            raise RuntimeError(f"{path} {arguments} {question}: {run.stdout}{run.stderr}")
         self.flags = set(re.findall(r"--[a-z][a-z-]*", run.stdout)) | {"--help", "--version"}
         self.variables = set(re.findall(r"Env:(\w+)", run.stdout)) | set(re.findall(r"\$(ISOSCOPE_\w+)", run.stdout))
         listen = re.search(r"--listen \S*:(\d+)", run.stdout)

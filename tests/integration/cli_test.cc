@@ -309,6 +309,12 @@ TEST_F(CliTest, ServeTakesAVolumeAndKeepsItInTheCache) {
     const json info = ParseJson(MustRun({"info", "--server", address, "--json"}));
     EXPECT_EQ(info.at("datasets").at(0).at("name"), "volume");
     EXPECT_EQ(info.at("datasets").at(0).at("shard_count"), 2);
+    const testing::CommandResult near =
+        testing::RunIsoscope({"render", "--server", address, "--dataset", "volme", "--isovalue",
+                              kIsovalue, "--output", Path("o.png")},
+                             Options());
+    EXPECT_EQ(near.exit_code, 1);
+    EXPECT_THAT(near.err, HasSubstr("did you mean \"volume\"?"));
     server->Signal(SIGINT);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, server->Wait(testing::kPatience));
     EXPECT_EQ(exit_code, 0) << server->err();

@@ -64,6 +64,14 @@ LINES = [
     ("isoscope-agent --rend", ["--renderer"], ["--shard"]),
     ("isoscope-agent --renderer c", ["cpu"], ["egl"]),
     ("isoscope-coordinator --ag", ["--agent"], []),
+    ("isoscope render v.nrrd --view ant", ["anterior"], ["posterior"]),
+    ("isoscope generate gy", ["gyroid"], ["random"]),
+    ("isoscope render --color-by ", ["z", "none"], ["z:viridis"]),
+    ("isoscope view v --format nrr", ["nrrd"], ["nifti"]),
+    ("isoscope render v --caps=v", [], ["turbo"]),
+    ("isoscope export v --format s", ["stl"], ["nrrd"]),
+    ("isoscope generate gyroid --type flo", ["float32", "float64"], ["uint8"]),
+    ("isoscope render --help", ["--help", "--help-all"], []),
 ]
 
 
@@ -97,6 +105,12 @@ class Bash(WithFolder):
         self.assertEqual([word for word in words if word], ["mask"])
         self.assertIn("depth", self.complete("isoscope render --culling ="))
 
+    def test_a_colour_map_behind_a_colon(self):
+        # Bash splits at colons, and replaces what is behind the last one.
+        for words in ["isoscope render --color-by z : vi", "isoscope render --color-by = z : vi"]:
+            self.assertEqual([word for word in self.complete(words) if word], ["viridis"], words)
+        self.assertIn("turbo", self.complete("isoscope render --color-by z :"))
+
     def test_a_value_that_is_a_number_gets_no_files(self):
         self.assertEqual([word for word in self.complete("isoscope render --isovalue ") if word], [])
 
@@ -124,6 +138,9 @@ class Fish(WithFolder):
                 self.assertIn(word, words, line)
             for word in not_offered:
                 self.assertNotIn(word, words, line)
+
+    def test_a_colour_map_behind_a_colon(self):
+        self.assertIn("z:viridis", self.complete("isoscope render --color-by z:vi"))
 
     def test_folders_alone_where_a_flag_takes_them(self):
         words = self.complete("isoscope partition v.nrrd --output he")
@@ -182,6 +199,10 @@ class Zsh(WithFolder):
         self.check("isoscope-bench frame --renderer e", "isoscope-bench frame --renderer egl")
         self.check("isoscope render --culling ", "depth")
         self.check("isoscope-agent --renderer c", "isoscope-agent --renderer cpu")
+        self.check("isoscope render --view ant", "isoscope render --view anterior")
+        self.check("isoscope generate gy", "isoscope generate gyroid")
+        self.check("isoscope render --color-by no", "isoscope render --color-by none")
+        self.check("isoscope render --color-by z:vi", "isoscope render --color-by z:viridis")
 
 
 class ManPages(unittest.TestCase):
@@ -210,7 +231,8 @@ class ManPages(unittest.TestCase):
     def test_every_flag_of_help_is_in_the_page(self):
         for command in ["render", "partition", "view"]:
             page = (FOLDER / "man" / "man1" / f"isoscope-{command.replace(' ', '-')}.1").read_text()
-            flags = re.findall(r"^  (--[a-z-]+)", run([str(PROGRAM), *command.split(), "--help"]).stdout, re.M)
+            text = run([str(PROGRAM), *command.split(), "--help-all"]).stdout
+            flags = re.findall(r"^  (?:-\w, )?(--[a-z-]+)", text, re.M)
             self.assertGreater(len(flags), 5)
             for flag in flags:
                 self.assertIn(flag.replace("-", "\\-"), page, command)

@@ -1,7 +1,9 @@
 // The program on a terminal: what it draws, read back as pixels, and how it leaves the terminal.
 
+#include <algorithm>
 #include <cmath>
 #include <csignal>
+#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -119,6 +121,44 @@ TEST_F(TerminalTest, ASilentTerminalGetsBlocks) {
   EXPECT_EQ(screen.pictures.size(), 0);
   // 20 rows of half blocks, 160 : 120.
   EXPECT_EQ(screen.blocks.width, 53);
+}
+
+// Symptom: with 256 colours a smooth surface fell into patches.
+TEST_F(TerminalTest, BlocksOf256ColoursAreTrueInTheMean) {
+  const auto shown_with = [&](const std::vector<std::string>& variables) {
+    PseudoTerminal terminal(kWindow);
+    terminal.Start(RenderCommand({"--show", "blocks"}), Environment(variables));
+    EXPECT_EQ(terminal.Wait(), 0) << terminal.bytes();
+    return ReadTerminalBytes(terminal.bytes()).blocks;
+  };
+  const image::RgbaImage exact = shown_with({"TERM=xterm", "COLORTERM=truecolor"});
+  const image::RgbaImage dithered = shown_with({"TERM=xterm-256color"});
+  ASSERT_EQ(exact.width, dithered.width);
+  ASSERT_EQ(exact.height, dithered.height);
+  ASSERT_FALSE(exact.pixels.empty());
+  double difference = 0;
+  for (std::size_t i = 0; i < exact.pixels.size(); ++i) {
+    difference += dithered.pixels[i].g - exact.pixels[i].g;
+  }
+  EXPECT_LT(std::abs(difference) / static_cast<double>(exact.pixels.size()), 3);
+  EXPECT_EQ(shown_with({"TERM=xterm-256color"}), dithered) << "the same bytes every time";
+}
+
+TEST_F(TerminalTest, HelpKeepsToTheWidthOfTheWindow) {
+  for (const int columns : {60, 100}) {
+    PseudoTerminal terminal({.columns = columns, .rows = 24, .width_px = 0, .height_px = 0});
+    terminal.Start(Command({"render", "--help"}), Environment({"TERM=xterm"}));
+    ASSERT_EQ(terminal.Wait(), 0) << terminal.bytes();
+    const std::string text = terminal.bytes().substr(0, terminal.bytes().find("Examples:"));
+    std::size_t longest = 0;
+    for (const absl::string_view line : absl::StrSplit(text, absl::ByAnyChar("\r\n"))) {
+      // The values of --color-by are one word, longer than 60 characters.
+      longest =
+          absl::StrContains(line, "--color-by x|y|z") ? longest : std::max(longest, line.size());
+    }
+    EXPECT_LE(longest, static_cast<std::size_t>(columns));
+    EXPECT_GT(longest, static_cast<std::size_t>(columns) / 2);
+  }
 }
 
 TEST_F(TerminalTest, NoEscapesWithoutColoursOrATerminal) {

@@ -214,6 +214,8 @@ class Reader {
         foreground_ = background_ = {};
       } else if (codes[i] == 49) {
         background_ = {};
+      } else if (SetAnsiColor(codes[i])) {
+        continue;
       } else if (codes[i] == 38 || codes[i] == 48) {
         Rgba8& color = codes[i] == 38 ? foreground_ : background_;
         if (i + 4 < codes.size() && codes[i + 1] == 2) {
@@ -226,6 +228,18 @@ class Reader {
         }
       }
     }
+  }
+
+  // "31", "41", bright "91" and "101". Returns false for other codes.
+  bool SetAnsiColor(int code) {
+    constexpr int kColors = 8;
+    const int tens = code / 10;
+    const bool is_foreground = tens == 3 || tens == 9;
+    if (code % 10 >= kColors || (!is_foreground && tens != 4 && tens != 10)) {
+      return false;
+    }
+    (is_foreground ? foreground_ : background_) = AnsiColor(code % 10 + (tens >= 9 ? kColors : 0));
+    return true;
   }
 
   void Block(Rgba8 upper, Rgba8 lower) {
@@ -254,6 +268,26 @@ class Reader {
 }  // namespace
 
 TerminalScreen ReadTerminalBytes(absl::string_view bytes) { return Reader(bytes).Read(); }
+
+Rgba8 AnsiColor(int index) {
+  constexpr std::array<Rgba8, 16> kColors = {{{0, 0, 0, 255},
+                                              {205, 0, 0, 255},
+                                              {0, 205, 0, 255},
+                                              {205, 205, 0, 255},
+                                              {0, 0, 238, 255},
+                                              {205, 0, 205, 255},
+                                              {0, 205, 205, 255},
+                                              {229, 229, 229, 255},
+                                              {127, 127, 127, 255},
+                                              {255, 0, 0, 255},
+                                              {0, 255, 0, 255},
+                                              {255, 255, 0, 255},
+                                              {92, 92, 255, 255},
+                                              {255, 0, 255, 255},
+                                              {0, 255, 255, 255},
+                                              {255, 255, 255, 255}}};
+  return kColors[static_cast<std::size_t>(index & 15)];
+}
 
 Rgba8 XtermColor(int index) {
   if (index >= 232) {

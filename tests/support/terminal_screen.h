@@ -33,6 +33,10 @@ TerminalScreen ReadTerminalBytes(absl::string_view bytes);
 // A colour of xterm's palette. REQUIRES: 16 <= index < 256.
 image::Rgba8 XtermColor(int index);
 
+// One of ANSI's eight colours, or of the eight bright ones behind them, as xterm has them.
+// REQUIRES: 0 <= index < 16.
+image::Rgba8 AnsiColor(int index);
+
 }  // namespace isoscope::testing
 
 #endif  // ISOSCOPE_TESTS_SUPPORT_TERMINAL_SCREEN_H_

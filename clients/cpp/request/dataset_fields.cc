@@ -2,10 +2,14 @@
 
 #include <cstddef>
 #include <optional>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/printable.h"
+#include "core/base/status_macros.h"
+#include "core/cli/usage.h"
 #include "core/volume/field_name.h"
 
 namespace isoscope::client {
@@ -22,11 +26,29 @@ const isoscope::v1::Field* FindField(const isoscope::v1::Dataset& dataset,
   return nullptr;
 }
 
+// INVALID_ARGUMENT if a name of the dataset is near to `typed`, which none of them is.
+absl::Status SuggestField(const isoscope::v1::Dataset& dataset, absl::string_view typed) {
+  std::vector<std::string> known;
+  for (const isoscope::v1::Field& field : dataset.fields()) {
+    known.push_back(field.name());
+  }
+  std::string nearest = cli::NearestName(typed, known);
+  if (nearest.empty()) {
+    nearest = cli::NearestName(typed.substr(0, typed.find(':')), known);
+  }
+  return nearest.empty()
+             ? absl::OkStatus()
+             : absl::InvalidArgumentError(absl::StrCat(
+                   "dataset '", base::Printable(dataset.name()), "' has no field ",
+                   base::Quoted(typed, '\''), ", did you mean '", base::Printable(nearest),
+                   "'? `isoscope info` lists the ", known.size(), " fields"));
+}
+
 }  // namespace
 
 absl::Status ResolveNames(const isoscope::v1::Dataset& dataset, SelectionFlags* selection,
                           LookFlags* look) {
-  const auto split = [&](std::string* name, std::string* component) {
+  const auto split = [&](std::string* name, std::string* component) -> absl::Status {
     const auto found =
         volume::FindFieldName(*name, [&](absl::string_view wanted) -> std::optional<std::size_t> {
           for (int i = 0; i < dataset.fields_size(); ++i) {
@@ -36,18 +58,22 @@ absl::Status ResolveNames(const isoscope::v1::Dataset& dataset, SelectionFlags* 
           }
           return std::nullopt;
         });
-    if (found.has_value() && component->empty()) {
+    if (!found.has_value()) {
+      return SuggestField(dataset, *name);
+    }
+    if (component->empty()) {
       *name = dataset.fields(static_cast<int>(found->field)).name();
       *component = found->component;
     }
+    return absl::OkStatus();
   };
   if (selection->field) {
-    split(&selection->field->name, &selection->field->component);
+    ISOSCOPE_RETURN_IF_ERROR(split(&selection->field->name, &selection->field->component));
   }
   if (look != nullptr) {
     for (ColorByValue& value : look->color_by) {
       if (!value.field.empty()) {
-        split(&value.field, &value.component);
+        ISOSCOPE_RETURN_IF_ERROR(split(&value.field, &value.component));
       }
     }
   }

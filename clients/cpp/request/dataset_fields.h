@@ -15,8 +15,8 @@ namespace isoscope::client {
 
 // Splits names of fields, as --field and --color-by have them, into field and component by those
 // that the dataset has: a whole name first, then the longest one (volume::FindFieldName). Names
-// that it does not have stay for the server to refuse. `look` may be null. UsageError: a component
-// that is named twice.
+// that it does not have stay for the server to refuse, unless one is near: INVALID_ARGUMENT names
+// that. `look` may be null. UsageError: a component that is named twice.
 absl::Status ResolveNames(const isoscope::v1::Dataset& dataset, SelectionFlags* selection,
                           LookFlags* look = nullptr);
 

@@ -24,12 +24,6 @@ assert.equal(run(['generate', 'gyroid', '--dims', '16,16,16', '--type', 'uint8',
 const flow = join(folder, 'flow.pvd');
 assert.equal(run(['generate', 'flow', '--dims', '12,12,12', '--steps', '2', '--output', flow]).status, 0);
 
-/** All flags: `--help` may leave out rare ones. */
-function helpOfRender() {
-  const all = run(['render', '--help-all']);
-  return all.status === 0 ? all : run(['render', '--help']);
-}
-
 /** Takes a command apart as a shell does. @param {string} command @returns {string[]} */
 function wordsOf(command) {
   const result = spawnSync('sh', ['-c', `for word in ${command.replace(/^isoscope /, '')}; do printf '%s\\0' "$word"; done`], { encoding: 'utf8' });
@@ -94,8 +88,8 @@ SERIES_STATES['missing values'] = { ...SERIES_STATES['colours by a field'], nanC
 const ALL_STATES = { ...STATES, ...SERIES_STATES };
 
 test('no command has a flag that isoscope render does not have, and each flag is among those tried', () => {
-  const { text } = helpOfRender();
-  const known = new Set(text.match(/(?<=^\s+(?:-\w,)?)--[a-z-]+/gm));
+  const { text } = run(['render', '--help-all']);
+  const known = new Set(text.match(/(?<=^\s+(?:-\w, )?)--[a-z-]+/gm));
   assert.ok(known.has('--surface') && known.has('--output'), text);
   const printed = new Set(Object.values(ALL_STATES).flatMap((state) => wordsOf(commandOf(state))
     .filter((word) => /^--[a-z-]/.test(word)).map((word) => word.replace(/=.*/s, ''))));
@@ -128,7 +122,7 @@ test('the command of a file draws in its folder as it stands', () => {
 });
 
 test('the command of a server that asks for a token has a flag of the program for it', () => {
-  assert.match(helpOfRender().text, /--token-file/);
+  assert.match(run(['render', '--help-all']).text, /--token-file/);
   assert.ok(wordsOf(stateToCommand({ surfaces: [SURFACE] }, 'a.png', undefined, { hasToken: true })).includes('--token-file'));
 });
 

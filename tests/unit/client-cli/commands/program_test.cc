@@ -1,5 +1,6 @@
 #include "client-cli/commands/program.h"
 
+#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <ostream>
@@ -11,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -176,7 +178,7 @@ WrongUsage RenderRemote(const std::vector<std::string>& more,
 std::vector<WrongUsage> RenderRows() {
   return {
       {{"render"}, {"give a volume, a dataset folder or --server"}},
-      {{"render", "v.nrrd"}, {"--isovalue V is missing"}},
+      {{"render", "--server", "h:1"}, {"--isovalue V is missing"}},
       {{"render", "v.nrrd", "--isovalue", "1"}, {"--output FILE.png is missing"}},
       {{"render", "v.nrrd", "--isvalue", "1", "--output", "o.png"},
        {"unknown flag --isvalue", "did you mean --isovalue"}},
@@ -218,15 +220,22 @@ std::vector<WrongUsage> RenderRows() {
       RenderRemote({"--cache-limit", "1G"}, {"--cache-limit can't be used with --server"}),
       Render({"--cache-limit", "0"}, {"--cache-limit", "'0' is not a size"}),
       {{"cache"}, {"'cache' is the first of two words", "cache list, cache clear"}},
+      {{"cache", "lst"},
+       {"'cache lst' is no command", "did you mean 'cache list'",
+        "There are: cache list, cache "
+        "clear"}},
+      {{"cache", "zzzz"}, {"'cache zzzz' is no command. There are: cache list, cache clear"}},
+      {{"cache", "--json"}, {"'cache' is the first of two words"}},
+      {{"help", "cache", "lst"}, {"did you mean 'cache list'"}},
       {{"cache", "list", "x"}, {"'x' is one argument too many"}},
       RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
-      {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
+      {{"export", "--server", "h:1", "--output", "o.ply"}, {"--isovalue V is missing"}},
       {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE is missing"}},
       {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.gif"},
-       {"'a.gif'", "the suffix '.gif'", "PNG", "expected 'a.png'"}},
+       {"'a.gif'", "the suffix '.gif'", ".png and .jpg, and .apng and .webp", "expected 'a.png'"}},
       {{"render", "v.nrrd", "--isovalue", "1", "--output", "f/a-%d.png.gz"},
-       {"the suffix '.gz'", "PNG"}},
-      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", "PNG"}},
+       {"the suffix '.gz'", ".png"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", ".png"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.fbx"},
        {"'o.fbx'", "the suffix '.fbx'", ".ply, .stl, .obj, .glb, .vtp"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.stl", "--format", "ply"},
@@ -318,17 +327,80 @@ TEST(CommandTest, HelpListsEveryCommand) {
   }
 }
 
+// The text with single spaces in place of line ends and indents.
+std::string Unwrapped(const std::string& text) {
+  return absl::StrJoin(absl::StrSplit(text, absl::ByAnyChar(" \n"), absl::SkipEmpty()), " ");
+}
+
 TEST(CommandTest, HelpOfACommandHasExamplesAndDefaults) {
   for (const Command& command : IsoscopeProgram().commands) {
     std::vector<std::string> arguments = absl::StrSplit(command.name, ' ');
     arguments.emplace_back("--help");
     const Outcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 0);
-    EXPECT_THAT(outcome.out, HasSubstr("\nUsage: isoscope " + command.name + " " + command.usage));
+    EXPECT_THAT(Unwrapped(outcome.out),
+                HasSubstr(Unwrapped("Usage: isoscope " + command.name + " " + command.usage)));
     EXPECT_EQ(outcome.out.find("Usage:"), outcome.out.rfind("Usage:"));
     EXPECT_THAT(outcome.out, HasSubstr("Examples:\n  isoscope " + command.name));
     EXPECT_THAT(outcome.out, HasSubstr("default:"));
     EXPECT_EQ(RunCli({"help", command.name}).out, outcome.out);
+  }
+}
+
+TEST(CommandTest, EveryFlagStandsUnderAHeadingOfTheLayout) {
+  for (const CommandDescription& command : DescribeProgram(IsoscopeProgram()).commands) {
+    for (const FlagDescription& flag : command.flags) {
+      EXPECT_NE(flag.group, "Options")
+          << command.name << " " << KeyOf(flag) << ": give it a heading in help_layout.cc";
+    }
+  }
+}
+
+TEST(CommandTest, TheCommonFlagsOfACommandExist) {
+  const Program program = IsoscopeProgram();
+  std::size_t found = 0;
+  for (const CommandDescription& command : DescribeProgram(program).commands) {
+    const auto common = program.help.common.find(command.name);
+    if (common == program.help.common.end()) {
+      continue;
+    }
+    ++found;
+    std::vector<std::string> keys;
+    for (const FlagDescription& flag : command.flags) {
+      keys.push_back(KeyOf(flag));
+    }
+    EXPECT_THAT(keys, ::testing::IsSupersetOf(common->second)) << command.name;
+    EXPECT_GT(keys.size(), common->second.size()) << command.name << ": nothing is left out";
+  }
+  EXPECT_EQ(found, program.help.common.size()) << "a command of that name is missing";
+}
+
+TEST(CommandTest, LongHelpShowsWhatIsCommonAndHelpAllTheRest) {
+  const std::string help = RunCli({"render", "--help"}).out;
+  EXPECT_THAT(help, HasSubstr("--isovalue "));
+  EXPECT_THAT(help, ::testing::Not(HasSubstr("--tls-ca ")));
+  EXPECT_LT(help.find("\nInput:\n"), help.find("\nSurfaces:\n"));
+  EXPECT_THAT(help, HasSubstr("\n--help-all lists "));
+  const std::string all = RunCli({"render", "--help-all"}).out;
+  EXPECT_THAT(all, HasSubstr("--tls-ca "));
+  EXPECT_LT(all.find("--isovalue "), all.find("--tls-ca "));
+  EXPECT_LT(2 * help.size(), all.size());
+  EXPECT_EQ(RunCli({"render", "--no-such-flag", "--help-all"}).out, all) << "as --help, it wins";
+}
+
+TEST(CommandTest, WordsForShellsAreOfFlagsThatExist) {
+  const Program program = IsoscopeProgram();
+  const ProgramDescription description = DescribeProgram(program);
+  for (const ValueWords& words : program.words) {
+    EXPECT_FALSE(words.words.empty()) << words.flag;
+    bool is_used = false;
+    for (const CommandDescription& command : description.commands) {
+      for (const FlagDescription& flag : command.flags) {
+        is_used = is_used || (KeyOf(flag) == words.flag &&
+                              (words.value_name.empty() || words.value_name == flag.value_name));
+      }
+    }
+    EXPECT_TRUE(is_used) << words.flag << " " << words.value_name;
   }
 }
 
@@ -346,7 +418,7 @@ TEST(CommandTest, TheFlagsOfTheContractExist) {
         "--threads", "--repeat", "--orbit", "--stats"}},
       {"export", {"--server", "--isovalue", "--output"}}};
   for (const auto& [command, flags] : contract) {
-    const std::string help = RunCli({command, "--help"}).out;
+    const std::string help = RunCli({command, "--help-all"}).out;
     for (const std::string& flag : flags) {
       EXPECT_THAT(help, HasSubstr(flag + " ")) << command;
     }
@@ -369,6 +441,24 @@ TEST(CommandTest, FailedRequestsExitWithOneAndNameTheCode) {
     EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: "));
     EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
   }
+}
+
+TEST(CommandTest, AMissingFileIsNamedBeforeAMissingIsovalue) {
+  const TempDir folder;
+  const std::string absent = folder.Sub("absent.nrrd");
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"render", absent}, {"export", absent}, {"pick", absent}}) {
+    const Outcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 1) << arguments[0];
+    EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: ")) << arguments[0];
+    EXPECT_THAT(outcome.err, HasSubstr("absent.nrrd")) << arguments[0];
+  }
+  // A file that is there: it is the isovalue that is missing.
+  const std::string there = folder.Sub("there.nrrd");
+  std::ofstream(there) << "NRRD0001\n";
+  const Outcome outcome = RunCli({"render", there});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("--isovalue V is missing"));
 }
 
 TEST(CommandTest, UnwritableOutputIsFoundBeforeAnyWork) {

@@ -35,6 +35,20 @@ TEST(ViewCommandTest, BeginsWithTheLevelBetweenClasses) {
   EXPECT_EQ(FirstIsovalue(histogram, dataset), 12);
 }
 
+TEST(ViewCommandTest, TheFirstLevelHasFewDigits) {
+  v1::Dataset dataset;
+  dataset.mutable_value_range()->set_min(0);
+  dataset.mutable_value_range()->set_max(19.166);
+  EXPECT_EQ(FirstIsovalue({}, dataset), 9.58);
+  v1::GetHistogramResponse histogram;
+  histogram.add_bins()->set_min(0);
+  histogram.mutable_bins(0)->set_max(255);
+  v1::IsovalueSuggestion* const suggestion = histogram.add_suggestions();
+  suggestion->set_method(v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES);
+  suggestion->set_isovalue(59.470588235294116);
+  EXPECT_EQ(FirstIsovalue(histogram, dataset), 59.5);
+}
+
 TEST(ViewCommandTest, TheMiddleOfAWideRangeIsFinite) {
   v1::Dataset dataset;
   dataset.mutable_value_range()->set_min(-std::numeric_limits<double>::max());

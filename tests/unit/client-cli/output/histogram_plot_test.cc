@@ -72,6 +72,13 @@ TEST(HistogramPlotTest, TheTextSaysRangeSuggestionsAndWhatIsApart) {
   EXPECT_THAT(text, HasSubstr("active blocks"));
 }
 
+TEST(HistogramPlotTest, SuggestionsHaveTheDigitsThatTheRangeAsksFor) {
+  v1::GetHistogramResponse histogram = Example();
+  histogram.mutable_suggestions(0)->set_isovalue(59.470588235294116);
+  EXPECT_THAT(DrawHistogram(histogram, {}), HasSubstr("--isovalue 59.5  "));
+  EXPECT_EQ(HistogramToJson(histogram).at("suggestions").at(0).at("isovalue"), 59.470588235294116);
+}
+
 TEST(HistogramPlotTest, ALogarithmShowsWhatTheLargestBinHides) {
   const auto rows_of = [](const std::string& text) {
     return std::count(text.begin(), text.end(), '\x88');

@@ -10,14 +10,14 @@ namespace {
 
 TEST(OutputSuffixTest, OnlyTheSuffixOfTheFormatIsTaken) {
   for (const char* path : {"a.png", "A.PNG", "f.old/a", "a", ".png", "f/.a", "/dev/null"}) {
-    ISOSCOPE_EXPECT_OK(CheckSuffix(path, ".png", "PNG"));
+    ISOSCOPE_EXPECT_OK(CheckSuffix(path, ".png", ".png"));
   }
   for (const char* path : {"a.jpg", "a.png.jpeg", "f.png/a.gif", "v1.5", "a."}) {
-    EXPECT_TRUE(IsUsageError(CheckSuffix(path, ".png", "PNG"))) << path;
+    EXPECT_TRUE(IsUsageError(CheckSuffix(path, ".png", ".png"))) << path;
   }
-  EXPECT_EQ(CheckSuffix("f/head.obj", ".ply", "PLY").message(),
-            "--output 'f/head.obj': the suffix '.obj' is not that of the format written, PLY; "
-            "expected 'head.ply'");
+  EXPECT_EQ(CheckSuffix("f/head.gif", ".png", ".png and .jpg").message(),
+            "--output 'f/head.gif': the suffix '.gif' is of no format that is written: .png and "
+            ".jpg; expected 'head.png'");
 }
 
 }  // namespace

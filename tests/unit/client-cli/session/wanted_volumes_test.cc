@@ -131,6 +131,20 @@ TEST(WantedVolumesTest, RefusesAFieldOrComponentThatIsNotThere) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no component \"z\"")));
 }
 
+TEST(WantedVolumesTest, ANearFieldIsSuggestedForOneThatIsNotThere) {
+  source::SeriesInfo info = Flow().info();
+  info.fields[0].name = "pressure";
+  partition::MemorySeries flow(info);
+  for (const char* field : {"presure", "presure:x"}) {
+    EXPECT_THAT(ChooseVolumes(WithField(field), flow),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         AllOf(HasSubstr(field), HasSubstr("did you mean \"pressure\"?"))));
+  }
+  EXPECT_THAT(
+      ChooseVolumes(WithField("entropy"), flow),
+      StatusIs(absl::StatusCode::kInvalidArgument, ::testing::Not(HasSubstr("did you mean"))));
+}
+
 TEST(WantedVolumesTest, ASweepTakesItsStepsInPlaceOfTheSelections) {
   int count = 0;
   const WantedVolumes sweep{.steps = [&](int step_count) {

@@ -69,6 +69,12 @@ TEST(PictureDisplayTest, EveryFormatGivesThePictureBack) {
       PictureDisplay(PictureFormat::kBlocks256, terminal).Encode(picture);
   ISOSCOPE_ASSERT_OK(blocks);
   EXPECT_EQ(ReadTerminalBytes(*blocks).blocks, picture);
+  for (const PictureFormat format : {PictureFormat::kBlocks16, PictureFormat::kBlocks8}) {
+    const absl::StatusOr<std::string> few = PictureDisplay(format, terminal).Encode(picture);
+    ISOSCOPE_ASSERT_OK(few);
+    EXPECT_EQ(ReadTerminalBytes(*few).blocks.width, picture.width);
+    EXPECT_EQ(ReadTerminalBytes(*few).blocks.height, picture.height);
+  }
 }
 
 TEST(PictureDisplayTest, AWindowWithoutPixelsGetsABoxOfCharacters) {
@@ -94,6 +100,8 @@ TEST(FormatOfTest, BlocksHaveTheColoursOfTheTerminal) {
             PictureFormat::kBlocks24Bit);
   EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("xterm")), PictureFormat::kBlocks256);
   EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("dumb")), PictureFormat::kBlocks256);
+  EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("linux")), PictureFormat::kBlocks8);
+  EXPECT_EQ(FormatOf(ShowMode::kBlocks, terminal_named("rxvt-16color")), PictureFormat::kBlocks16);
   EXPECT_EQ(FormatOf(ShowMode::kSixel, terminal_named("dumb")), PictureFormat::kSixel);
   EXPECT_EQ(FormatOf(ShowMode::kAuto, terminal_named("xterm-direct")), std::nullopt);
 }

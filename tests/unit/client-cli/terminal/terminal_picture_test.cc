@@ -154,6 +154,10 @@ TEST(BlockPictureTest, KnownBytes) {
             "\x1B[48;2;0;0;255m\x1B[38;2;255;0;0m\xE2\x96\x80\x1B[48;2;255;0;0m \x1B[0m");
   EXPECT_EQ(BlockPicture(picture, BlockColors::k256, "\n"),
             "\x1B[48;5;21m\x1B[38;5;196m\xE2\x96\x80\x1B[48;5;196m \x1B[0m");
+  EXPECT_EQ(BlockPicture(picture, BlockColors::k16, "\n"),
+            "\x1B[104m\x1B[91m\xE2\x96\x80\x1B[101m \x1B[0m");
+  EXPECT_EQ(BlockPicture(picture, BlockColors::k8, "\n"),
+            "\x1B[44m\x1B[31m\xE2\x96\x80\x1B[41m \x1B[0m");
 }
 
 TEST(BlockPictureTest, PixelsWithoutAlphaStayAsTheTerminalIs) {
@@ -184,28 +188,78 @@ TEST(BlockPictureTest, EveryPixelComesBackInBothKindsOfColours) {
   blocks = few.blocks;
   blocks.height = 9;
   blocks.pixels.resize(17 * 9);
-  ExpectNear(blocks, picture, 48);
+  ExpectNear(blocks, picture, 95);  // the longest step of the cube
 }
 
-TEST(NearestXtermColorTest, NoOtherColourOfThePaletteIsNearer) {
-  for (int red = 0; red < 256; red += 15) {
-    for (int green = 0; green < 256; green += 17) {
-      for (int blue = 0; blue < 256; blue += 51) {
-        const Rgba8 color{static_cast<std::uint8_t>(red), static_cast<std::uint8_t>(green),
-                          static_cast<std::uint8_t>(blue), 255};
-        const auto distance = [&](int index) {
-          const Rgba8 other = testing::XtermColor(index);
-          return (color.r - other.r) * (color.r - other.r) +
-                 (color.g - other.g) * (color.g - other.g) +
-                 (color.b - other.b) * (color.b - other.b);
-        };
-        const int chosen = distance(NearestXtermColor(color));
-        for (int index = 16; index < 256; ++index) {
-          // The grey is chosen by the mean of the channels.
-          EXPECT_LE(chosen, distance(index) + 100) << red << " " << green << " " << blue;
-        }
+// A picture of one colour, as a terminal shows it.
+RgbaImage ShownOf(Rgba8 color, BlockColors colors, int width = 8, int height = 8) {
+  const RgbaImage picture{
+      .width = width,
+      .height = height,
+      .pixels = std::vector<Rgba8>(
+          static_cast<std::size_t>(width) * static_cast<std::size_t>(height), color)};
+  return testing::ReadTerminalBytes(BlockPicture(picture, colors, "\n")).blocks;
+}
+
+// Symptom: smooth surfaces fell into patches of one colour each.
+TEST(DitherTest, TheMeanOfXtermsColoursIsThatOfThePicture) {
+  for (const Rgba8 color : {Rgba8{120, 110, 100, 255}, Rgba8{200, 180, 161, 255},
+                            Rgba8{40, 60, 20, 255}, Rgba8{103, 103, 103, 255}}) {
+    const RgbaImage shown = ShownOf(color, BlockColors::k256);
+    ASSERT_EQ(shown.pixels.size(), 64);
+    double red = 0;
+    double green = 0;
+    double blue = 0;
+    for (const Rgba8& pixel : shown.pixels) {
+      red += pixel.r / 64.0;
+      green += pixel.g / 64.0;
+      blue += pixel.b / 64.0;
+    }
+    // Of 16 thresholds over a step of at most 95 levels.
+    EXPECT_NEAR(red, color.r, 95.0 / 32);
+    EXPECT_NEAR(green, color.g, 95.0 / 32);
+    EXPECT_NEAR(blue, color.b, 95.0 / 32);
+  }
+}
+
+TEST(DitherTest, AShareOfThePixelsIsLitInFewColours) {
+  for (const BlockColors colors : {BlockColors::k16, BlockColors::k8}) {
+    // Three of eight, in each channel for itself.
+    const RgbaImage shown = ShownOf(Rgba8{96, 255, 0, 255}, colors);
+    int red = 0;
+    for (const Rgba8& pixel : shown.pixels) {
+      red += pixel.r > 100 ? 1 : 0;
+      EXPECT_GT(pixel.g, 200);
+      EXPECT_EQ(pixel.b, 0);
+    }
+    EXPECT_EQ(red, 24);
+  }
+}
+
+TEST(DitherTest, GreyGetsNoHue) {
+  for (const BlockColors colors : {BlockColors::k256, BlockColors::k16, BlockColors::k8}) {
+    for (int level = 0; level < 256; level += 5) {
+      const auto gray = static_cast<std::uint8_t>(level);
+      for (const Rgba8& pixel : ShownOf({gray, gray, gray, 255}, colors).pixels) {
+        EXPECT_TRUE(pixel.r == pixel.g && pixel.g == pixel.b) << level;
       }
     }
+  }
+}
+
+TEST(DitherTest, ColoursOfXtermsPaletteStay) {
+  for (int index = 16; index < 256; ++index) {
+    const Rgba8 color = testing::XtermColor(index);
+    for (const Rgba8& pixel : ShownOf(color, BlockColors::k256, 4, 4).pixels) {
+      EXPECT_EQ(pixel, color) << index;
+    }
+  }
+}
+
+TEST(DitherTest, ColoursOf24BitsAreNotDithered) {
+  const Rgba8 color{121, 110, 99, 255};
+  for (const Rgba8& pixel : ShownOf(color, BlockColors::k24Bit).pixels) {
+    EXPECT_EQ(pixel, color);
   }
 }
 

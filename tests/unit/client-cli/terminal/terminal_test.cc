@@ -95,7 +95,8 @@ TEST(ChooseFormatTest, KnownTerminals) {
       {{{"TERM", "xterm-256color"}}, plain, PictureFormat::kBlocks256},
       {{{"TERM", "xterm-direct"}}, silent, PictureFormat::kBlocks24Bit},
       {{{"TERM", "vt220"}}, plain, PictureFormat::kNone},
-      {{{"TERM", "linux"}}, sixel, PictureFormat::kBlocks256},
+      {{{"TERM", "linux"}}, sixel, PictureFormat::kBlocks8},
+      {{{"TERM", "xterm-16color"}}, plain, PictureFormat::kBlocks16},
       // Inside others: their variables tell nothing of the window.
       {{{"TERM", "tmux-256color"}, {"TMUX", "/tmp/x"}, {"KITTY_WINDOW_ID", "1"}},
        kitty,

@@ -49,6 +49,17 @@ TEST(ManPageTest, ACommandHasItsFlagsWithGroupsDefaultsAndEnvironment) {
   EXPECT_THAT(page, HasSubstr(".BR tool (1)\n"));
 }
 
+TEST(ManPageTest, OptionsBehindOtherHeadingsHaveTheirOwn) {
+  ProgramDescription program = Program();
+  for (FlagDescription& flag : program.commands[0].flags) {
+    flag.group = flag.names.empty() ? "Input" : flag.names[0] == "--size" ? "Looks" : "Options";
+  }
+  EXPECT_THAT(CommandManPage(program, program.commands[0]),
+              HasSubstr(".SS Options\n.TP\n\\fB\\-\\-caps"));
+  program.commands[0].flags[0].group = "Options";
+  EXPECT_THAT(CommandManPage(program, program.commands[0]), Not(HasSubstr(".SS Options")));
+}
+
 TEST(ManPageTest, NoTextBecomesACommandOfRoff) {
   const std::string page = CommandManPage(Program(), Program().commands[0]);
   EXPECT_THAT(page, HasSubstr("\n\\&.starts with a dot\n"));

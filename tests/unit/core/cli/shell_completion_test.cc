@@ -39,6 +39,17 @@ TEST(CompletionScriptTest, AProgramWithoutCommandsHasNoWordsForThem) {
   }
 }
 
+TEST(CompletionScriptTest, WordsWithAColonWaitForTheColon) {
+  ProgramDescription program = Server();
+  program.commands[0].flags[0].choices = {"z", "none", "z:grey"};
+  EXPECT_THAT(CompletionScript(Shell::kBash, program), HasSubstr("words='z none z:grey'"));
+  EXPECT_THAT(CompletionScript(Shell::kZsh, program),
+              HasSubstr(":{ if [[ $PREFIX == *\\:* ]]; then compadd -- z\\:grey; "
+                        "else compadd -S \"\" -- z; compadd -- none; fi }'"));
+  EXPECT_THAT(CompletionScript(Shell::kFish, program),
+              HasSubstr("-a '(__my_server_words z none z:grey)'"));
+}
+
 TEST(CompletionScriptTest, HelpIsQuotedForItsShell) {
   EXPECT_THAT(CompletionScript(Shell::kZsh, Server()),
               HasSubstr("'--level=[it'\\''s a \\[level\\]\\: low]:a|b:(a b)'"));

@@ -44,6 +44,11 @@ TEST(UsageTest, NearestNameFindsTyposOnly) {
   EXPECT_EQ(NearestName("partiton", names), "partition");
   EXPECT_EQ(NearestName("zzzzzz", names), "");
   EXPECT_EQ(NearestName("x", {}), "");
+  EXPECT_EQ(NearestName("q", {"p", "u"}), "") << "all of its letters are wrong";
+  EXPECT_EQ(NearestName("prtitin", names), "partition") << "a third of the letters may be wrong";
+  const std::string long_name(256, 'a');
+  EXPECT_EQ(NearestName(long_name, {long_name + "b"}), long_name + "b");
+  EXPECT_EQ(NearestName(long_name + "a", {long_name}), "") << "a stranger may send any length";
 }
 
 }  // namespace

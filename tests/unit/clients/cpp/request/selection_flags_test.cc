@@ -89,6 +89,23 @@ TEST(SelectionFlagsTest, WhatNamesOneThingTwiceIsAnError) {
   EXPECT_THAT(std::string(two_components.message()), HasSubstr("velocity:x"));
 }
 
+TEST(SelectionFlagsTest, ANearNameIsSuggestedForAFieldThatIsNotThere) {
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("flow");
+  dataset.add_fields()->set_name("pressure");
+  for (const char* text : {"presure", "Pressure", "presure:x"}) {
+    SelectionFlags flags = Parse({"--field", text});
+    EXPECT_THAT(ResolveNames(dataset, &flags),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         ::testing::AllOf(HasSubstr(text), HasSubstr("did you mean 'pressure'?"))));
+    LookFlags look;
+    look.color_by.push_back(*ParseColorBy(text));
+    flags = SelectionFlags();
+    EXPECT_THAT(ResolveNames(dataset, &flags, &look),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("'pressure'")));
+  }
+}
+
 // Symptom: a field whose name has a colon could not be chosen.
 TEST(SelectionFlagsTest, NamesAreThoseOfTheDatasetTheLongestFirst) {
   isoscope::v1::Dataset dataset;
