@@ -58,7 +58,8 @@ class GatewayServerImpl final : public GatewayServer {
               .max_caller_meshes = options.limits.max_caller_meshes,
               .max_mesh_bytes = options.limits.max_mesh_bytes,
               .is_private = parts_.access.asks_token(),
-              .passes_tokens = !parts_.access.has_token()},
+              .passes_tokens = !parts_.access.has_token(),
+              .framing_origins = options.framing_origins},
              &client_),
         certificate_(options.certificate_file),
         listener_(http::PeerListener::Make()) {}

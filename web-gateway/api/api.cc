@@ -79,7 +79,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       } else if (is_health) {
         AnswerHealth();
       } else {
-        Respond(ServeStaticFile(request_));
+        Respond(ServeStaticFile(request_, PagePolicy(options_.framing_origins)));
       }
       return;
     }

@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "web-gateway/api/coordinator_client.h"
 #include "web-gateway/api/mesh_budget.h"
@@ -27,6 +29,8 @@ struct ApiOptions {
   bool is_private = false;
   // True if users' tokens are the coordinator's.
   bool passes_tokens = false;
+  // Origins of pages that may have the page in a frame.
+  std::vector<std::string> framing_origins = {};
 };
 
 // Thread-safe.
