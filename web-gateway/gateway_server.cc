@@ -1,5 +1,5 @@
 // Owns the listener and all parts. They end in this order: connections; then calls to the
-// coordinator, whose callbacks still post to the threads; then the threads.
+// coordinator and annotations, whose callbacks still post to the threads; then the threads.
 
 #include "web-gateway/gateway_server.h"
 
@@ -66,6 +66,7 @@ class GatewayServerImpl final : public GatewayServer {
   ~GatewayServerImpl() override {
     Shutdown(absl::ZeroDuration());
     client_.AwaitCalls();
+    api_.FinishDrawing();
   }
 
   absl::Status Listen(const GatewayOptions& options) {
