@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs one check of clients/web; ends with 77 (skipped) where its program is missing:
-#   check_web.sh types | unit | command | browser
+#   check_web.sh types | unit | command | package | browser
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -27,12 +27,23 @@ case "${1:-}" in
     fi
     node --test command_test.mjs
     ;;
+  package)
+    require node nodejs
+    require tsc node-typescript
+    if ! command -v protoc >/dev/null; then
+      exec python3 ../../support/skips.py protoc "protoc is missing; Debian has it in protobuf-compiler"
+    fi
+    if ! /usr/bin/python3 -c 'import google.protobuf' 2>/dev/null; then
+      exec python3 ../../support/skips.py python "Python's protobuf is missing; Debian has it in python3-protobuf"
+    fi
+    node --test package_test.mjs
+    ;;
   browser)
     # Debian's own: another Python first on the PATH has no python3-selenium.
     exec /usr/bin/python3 browser_test.py
     ;;
   *)
-    echo "usage: check_web.sh types | unit | command | browser" >&2
+    echo "usage: check_web.sh types | unit | command | package | browser" >&2
     exit 2
     ;;
 esac
