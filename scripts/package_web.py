@@ -150,9 +150,12 @@ def make_types(files):
 
 def declare(folder):
     """Lets tsc write the declarations of the view into `folder`."""
-    run(["tsc", "--allowJs", "--declaration", "--emitDeclarationOnly", "--target", "es2022", "--module", "es2022",
-         "--moduleResolution", "node", "--lib", "es2022,dom,dom.iterable", "--types", "", "--rootDir", WEB, "--outDir",
-         folder, WEB / MODULE])
+    project = folder.with_suffix(".json")
+    project.write_text(json.dumps({"files": [str(WEB / MODULE)], "compilerOptions": {
+        "allowJs": True, "declaration": True, "emitDeclarationOnly": True, "target": "es2022", "module": "es2022",
+        "moduleResolution": "node", "lib": ["es2022", "dom", "dom.iterable"], "types": [], "rootDir": str(WEB),
+        "outDir": str(folder)}}))
+    run(["tsc", "--project", project])
     types = folder / "view" / "types.d.ts"
     text = types.read_text(encoding="utf-8")
     for name, type_ in STATE_TYPES.items():

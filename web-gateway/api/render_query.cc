@@ -270,7 +270,8 @@ absl::StatusOr<PictureQuery> PictureQueryFromQuery(const QueryParameters& query,
   }
   const absl::StatusOr<v1::Camera> camera = client::ResolveView(flags.view, asked.camera, dataset);
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
-  PictureQuery picture{.extras = flags.extras};
+  PictureQuery picture;
+  picture.extras = flags.extras;
   ISOSCOPE_ASSIGN_OR_RETURN(picture.request,
                             client::MakeRequest(asked, dataset.name(), *camera, flags.view.fit));
   client::SetEffects(flags.effects, &picture.request);
@@ -317,7 +318,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(client::MeshFormat format,
   }
   mesh.surfaces = SurfacesOf(format, flags);
   ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(client::Validate({.format = format, .surfaces = mesh.surfaces})));
+      ParameterError(client::Validate({.path = "", .format = format, .surfaces = mesh.surfaces})));
   return mesh;
 }
 

@@ -101,8 +101,10 @@ export function describe(dataset: Dataset, picked: PickSurfaceResponse): string 
 
 test('a TypeScript program uses its types', () => {
   writeFileSync(join(folder, 'typed.ts'), TYPED);
-  for (const resolution of [['--module', 'node16', '--moduleResolution', 'node16'], ['--module', 'es2022', '--moduleResolution', 'node']]) {
-    run('tsc', ['--strict', '--noEmit', '--target', 'es2022', '--lib', 'es2022,dom,dom.iterable', '--types', '', ...resolution, 'typed.ts']);
+  for (const resolution of [{ module: 'node16', moduleResolution: 'node16' }, { module: 'es2022', moduleResolution: 'node' }]) {
+    writeFileSync(join(folder, 'tsconfig.json'), JSON.stringify({ files: ['typed.ts'], compilerOptions: {
+      strict: true, noEmit: true, target: 'es2022', lib: ['es2022', 'dom', 'dom.iterable'], types: [], ...resolution } }));
+    run('tsc', ['--project', 'tsconfig.json']);
   }
 });
 
