@@ -53,6 +53,8 @@ ENTRYPOINT ["isoscope-coordinator"]
 # or ISOSCOPE_INSECURE=true in a private network. The gateway requires a token: that of ISOSCOPE_GATEWAY_TOKEN, or one
 # from its log.
 FROM runtime AS gateway
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_GATEWAY_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
 ARG ISOSCOPE_VERSION
 LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"

@@ -18,8 +18,8 @@ ISOSCOPE_BUILD_PACKAGES=(
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core
 )
 
-# Packages to run the programs in the container images: all three programs; those that draw (isoscope-agent and
-# isoscope); and isoscope, which reads volumes and writes pictures. Omitted are packages that these or dpkg depend on
+# Packages to run the programs in the container images: all four programs; those that draw (isoscope-agent and
+# isoscope); isoscope, which reads volumes and writes pictures; and isoscope-gateway. Omitted are packages that these or dpkg depend on
 # anyway (libabsl, libbz2-1.0, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
@@ -27,6 +27,8 @@ ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libwebp7
   libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core
   hdf5-filter-plugin hdf5-filter-plugin-blosc-serial hdf5-filter-plugin-zfp-serial hdf5-plugin-lzf)
+# The gateway's own: it writes meshes and draws annotations over pictures.
+ISOSCOPE_GATEWAY_PACKAGES=(libmeshoptimizer2d libpangocairo-1.0-0 libwebp7 libwebpmux3 fonts-dejavu-core)
 ISOSCOPE_VDB_PACKAGES=(libopenvdb10.0)
 
 # Packages to build tests and benchmarks; to run the unit tests and the guards of the promises; to run the other tests:
@@ -41,6 +43,9 @@ ISOSCOPE_CLIENT_TEST_PACKAGES=(
 # Packages of the tests of clients/web, some 700 MB with all dependencies. Tests whose program is missing are skipped
 # with a message.
 ISOSCOPE_BROWSER_PACKAGES=(nodejs node-typescript chromium chromium-driver python3-selenium)
+
+# Packages that scripts/package_web.py needs.
+ISOSCOPE_WEB_PACKAGES=(node-typescript protobuf-compiler python3-protobuf)
 
 # Packages that the tests compare our files with, some 50 packages, 30 MB to download; and clang for locks and
 # libFuzzer.

@@ -1,5 +1,5 @@
 // Owns the listener and all parts. They end in this order: connections; then calls to the
-// coordinator, whose callbacks still post to the threads; then the threads.
+// coordinator and annotations, whose callbacks still post to the threads; then the threads.
 
 #include "web-gateway/gateway_server.h"
 
@@ -58,13 +58,15 @@ class GatewayServerImpl final : public GatewayServer {
               .max_caller_meshes = options.limits.max_caller_meshes,
               .max_mesh_bytes = options.limits.max_mesh_bytes,
               .is_private = parts_.access.asks_token(),
-              .passes_tokens = !parts_.access.has_token()},
+              .passes_tokens = !parts_.access.has_token(),
+              .framing_origins = options.framing_origins},
              &client_),
         certificate_(options.certificate_file),
         listener_(http::PeerListener::Make()) {}
   ~GatewayServerImpl() override {
     Shutdown(absl::ZeroDuration());
     client_.AwaitCalls();
+    api_.FinishDrawing();
   }
 
   absl::Status Listen(const GatewayOptions& options) {

@@ -52,6 +52,8 @@ struct GatewayOptions {
   std::string certificate_file = {};
   std::string key_file = {};
   AccessOptions access = {};  // listens_on_loopback is set from the address
+  // Origins of pages that may have the page in a frame, as ParseOrigin returns them.
+  std::vector<std::string> framing_origins = {};
   // Proxies in front, whose X-Forwarded-For names the callers.
   http::TrustedProxies trusted_proxies = {};
   GatewayLimits limits = {};

@@ -48,6 +48,7 @@ struct Flags {
   std::string old_token;
   bool has_no_token = false;
   std::vector<std::string> allowed_origins;
+  std::vector<std::string> framing_origins;
   std::vector<std::string> trusted_proxies;
   int max_connections = GatewayLimits().max_connections;
   int max_pictures = GatewayLimits().max_pictures;
@@ -128,6 +129,11 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
                 "Pages of this origin may ask too, as https://HOST[:PORT]; repeatable",
                 /*splits_at_spaces=*/true)
       .Environment("ISOSCOPE_ALLOW_ORIGIN");
+  set->AddTexts("--allow-framing", "ORIGIN", &flags->framing_origins,
+                "Pages of this origin may show the page in a frame, as https://HOST[:PORT]; "
+                "repeatable",
+                /*splits_at_spaces=*/true)
+      .Environment("ISOSCOPE_ALLOW_FRAMING");
   set->AddTexts("--trusted-proxy", "ADDRESS[/BITS]", &flags->trusted_proxies,
                 "A proxy in front, whose X-Forwarded-For names the callers for the limits by "
                 "address; repeatable",
@@ -221,8 +227,24 @@ absl::StatusOr<http::TrustedProxies> ProxiesOf(const Flags& flags) {
   return proxies;
 }
 
+// Returns the origins of a flag.
+absl::StatusOr<std::vector<std::string>> OriginsOf(absl::string_view flag,
+                                                   const std::vector<std::string>& texts) {
+  std::vector<std::string> origins;
+  for (const std::string& text : texts) {
+    absl::StatusOr<std::string> origin = ParseOrigin(text);
+    if (!origin.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat(flag, ": ", origin.status().message()));
+    }
+    origins.push_back(*std::move(origin));
+  }
+  return origins;
+}
+
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
   ISOSCOPE_RETURN_IF_ERROR(ProxiesOf(flags).status());
+  ISOSCOPE_RETURN_IF_ERROR(OriginsOf("--allow-origin", flags.allowed_origins).status());
+  ISOSCOPE_RETURN_IF_ERROR(OriginsOf("--allow-framing", flags.framing_origins).status());
   if (flags.https_certificate_file.empty() != flags.https_key_file.empty()) {
     return absl::InvalidArgumentError(
         "--https-cert and --https-key belong together: give both or neither");
@@ -264,9 +286,10 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.access.has_user_tokens = flags.has_user_tokens;
   options.coordinator_address = flags.server;
   options.listen_address = server_flags.listen_address;
-  for (const std::string& origin : flags.allowed_origins) {
-    ISOSCOPE_ASSIGN_OR_RETURN(options.access.allowed_origins.emplace_back(), ParseOrigin(origin));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(options.access.allowed_origins,
+                            OriginsOf("--allow-origin", flags.allowed_origins));
+  ISOSCOPE_ASSIGN_OR_RETURN(options.framing_origins,
+                            OriginsOf("--allow-framing", flags.framing_origins));
   ISOSCOPE_ASSIGN_OR_RETURN(options.trusted_proxies, ProxiesOf(flags));
   options.access.token = tokens.asked;
   if (tokens.asked.empty() && !flags.has_no_token && !flags.has_user_tokens) {

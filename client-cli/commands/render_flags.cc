@@ -15,11 +15,11 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/output/annotation_flags.h"
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/picture_output.h"
 #include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/picture_file/animation_writer.h"
+#include "clients/cpp/picture_file/annotation_flags.h"
 #include "clients/cpp/picture_file/poster.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -185,7 +185,7 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
                  "that is an error");
   AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
           "fail if the dataset under that name has another id; `isoscope info` prints it");
-  AddAnnotationFlags(set, &flags->annotations);
+  client::AddAnnotationFlags(set, &flags->annotations);
   AddQuietFlag(set, &flags->is_quiet);
 }
 

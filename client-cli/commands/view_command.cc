@@ -1,5 +1,5 @@
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--label SET] [--listen HOST:PORT]
-//   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE]
+//   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE] [--allow-origin ORIGIN]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 //
 // 1. A session connects to the server, or starts a cluster in this process.
@@ -20,6 +20,7 @@
 #include <cstdlib>
 #include <memory>
 #include <ostream>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -53,6 +54,7 @@
 #include "rpc/host_port.h"
 #include "rpc/transport.h"
 #include "web-gateway/gateway_server.h"
+#include "web-gateway/http/access.h"
 #include "web-gateway/http/url.h"
 
 namespace isoscope::cli {
@@ -73,6 +75,7 @@ struct ViewFlags {
   std::optional<std::string> listen_address;
   std::optional<std::string> published_address;
   std::string gateway_token_file;
+  std::vector<std::string> allowed_origins;
   bool has_no_open = false;
   bool is_in_terminal = false;
   std::optional<ShowMode> show;
@@ -135,6 +138,7 @@ absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
   options->listen_address = ListenAddress(flags);
   options->certificate_file = flags.session.connection.transport.certificate_file;
   options->key_file = flags.session.connection.transport.key_file;
+  options->access.allowed_origins = flags.allowed_origins;
   // Every user of this machine can reach its loopback address, too.
   ISOSCOPE_ASSIGN_OR_RETURN(options->access.token,
                             gateway::ReadGatewayToken(flags.gateway_token_file));
@@ -204,6 +208,7 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
     return UsageError("--show never leaves --terminal nothing to do");
   }
   const char* const for_browser = flags.listen_address                ? "--listen"
+                                  : !flags.allowed_origins.empty()    ? "--allow-origin"
                                   : flags.has_no_open                 ? "--no-open"
                                   : !flags.gateway_token_file.empty() ? "--gateway-token-file"
                                   : flags.label.wants_all             ? "--labels"
@@ -301,6 +306,9 @@ Action RegisterViewFlags(FlagSet* set) {
   set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
                "a file with the token that the page asks for, which its address has (default: "
                "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one)");
+  AddRepeatableFlag(set, "--allow-origin", "ORIGIN", &flags->allowed_origins, gateway::ParseOrigin,
+                    "pages of this origin may ask for pictures, too, as https://HOST[:PORT]; any "
+                    "number of times");
   set->AddSwitch("--no-open", &flags->has_no_open,
                  "do not open a browser; it is opened on a desktop only");
   set->AddSwitch("--terminal", &flags->is_in_terminal,

@@ -5,7 +5,9 @@
 //      the work may end here with 304
 //   2  the call itself
 //
-// An Exchange is one request in work. The functions that wait for answers hold it.
+// What a request means is in the table of routes.h. An Exchange is one request in work. The
+// functions that wait for answers hold it. Annotations are drawn after the call, on a thread of
+// their own, one picture at a time: decoded pictures are large.
 
 #include "web-gateway/api/api.h"
 
@@ -15,7 +17,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
@@ -28,8 +29,11 @@
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "web-gateway/api/json.h"
 #include "web-gateway/api/mesh_answer.h"
+#include "web-gateway/api/openapi.h"
 #include "web-gateway/api/picture_answer.h"
+#include "web-gateway/api/picture_extras.h"
 #include "web-gateway/api/render_query.h"
+#include "web-gateway/api/routes.h"
 #include "web-gateway/http/etag.h"
 #include "web-gateway/http/static_files.h"
 #include "web-gateway/http/url.h"
@@ -53,12 +57,13 @@ HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allow
 class Exchange : public std::enable_shared_from_this<Exchange> {
  public:
   Exchange(const ApiOptions& options, CoordinatorClient* client, std::atomic<int>* pictures,
-           MeshBudget* meshes, HttpRequest request, std::shared_ptr<RequestScope> cancellation,
-           Api::Respond respond)
+           MeshBudget* meshes, base::Executor* drawing, HttpRequest request,
+           std::shared_ptr<RequestScope> cancellation, Api::Respond respond)
       : options_(options),
         client_(client),
         pictures_(pictures),
         meshes_(meshes),
+        drawing_(drawing),
         request_(std::move(request)),
         call_{.scope = std::move(cancellation), .token = request_.token},
         respond_(std::move(respond)) {}
@@ -79,30 +84,49 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       } else if (is_health) {
         AnswerHealth();
       } else {
-        Respond(ServeStaticFile(request_));
+        Respond(ServeStaticFile(request_, PagePolicy(options_.framing_origins)));
       }
       return;
     }
-    if (path.size() == 2) {
-      RouteCluster(path[1]);
-    } else if (path.size() >= 3 && path[1] == "datasets") {
-      RouteDataset(path.size() == 3 ? "" : absl::StrJoin(path.begin() + 3, path.end(), "/"));
-    } else {
+    const FoundRoute route = FindRoute(request_.method, path);
+    if (route.methods.empty()) {
       RespondUnknown();
+    } else if (route.operation == nullptr) {
+      Respond(MethodNotAllowed(request_.method, route.methods));
+    } else {
+      Answer(*route.operation);
     }
   }
 
  private:
-  using Self = std::shared_ptr<Exchange>;
-
   void Respond(HttpResponse response) { std::exchange(respond_, nullptr)(std::move(response)); }
   void RespondError(const absl::Status& status) { Respond(ErrorResponse(status)); }
   void RespondUnknown() {
-    RespondError(absl::NotFoundError(absl::StrCat(
-        "there is nothing at ",
-        Quoted(absl::StrCat("/", absl::StrJoin(request_.target.segments, "/"))),
-        ": /v1/capabilities, /v1/status, /v1/datasets, and below /v1/datasets/NAME: histogram, "
-        "render, pick, mesh.glb")));
+    std::vector<std::string> paths;
+    for (const Operation& operation : Operations()) {
+      if (paths.empty() || paths.back() != operation.path) {
+        paths.push_back(operation.path);
+      }
+    }
+    RespondError(absl::NotFoundError(
+        absl::StrCat("there is nothing at ",
+                     Quoted(absl::StrCat("/", absl::StrJoin(request_.target.segments, "/"))),
+                     "; there are: ", absl::StrJoin(paths, ", "))));
+  }
+
+  void Answer(const Operation& operation) {
+    operation_ = &operation;
+    if (operation.parameters.empty() && !TakesNoParameters()) {
+      return;
+    }
+    if (operation.takes_place() && !CountPicture()) {
+      return;
+    }
+    if (operation.is_of_dataset()) {
+      FindDataset();
+    } else {
+      AnswerOfCluster();
+    }
   }
 
   // Answers with the message, or with an error.
@@ -117,16 +141,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     };
   }
 
-  // Returns true for GET and HEAD; else answers 405.
-  bool TakesGet() {
-    if (request_.method == "GET") {
-      return true;
-    }
-    Respond(MethodNotAllowed(request_.method, kGet));
-    return false;
-  }
-
-  // Returns true if the address has no parameters left; else answers 400.
+  // Returns true if the address has no parameters; else answers 400.
   bool TakesNoParameters() {
     if (request_.target.query.empty()) {
       return true;
@@ -156,14 +171,12 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         });
   }
 
-  void RouteCluster(const std::string& name) {
-    if (name != "capabilities" && name != "status" && name != "datasets") {
-      RespondUnknown();
-    } else if (!TakesGet() || !TakesNoParameters()) {
-      return;
-    } else if (name == "capabilities") {
+  void AnswerOfCluster() {
+    if (operation_->endpoint == Endpoint::kOpenApi) {
+      Respond(JsonResponse(OpenApiDocument()));
+    } else if (operation_->endpoint == Endpoint::kCapabilities) {
       client_->GetCapabilities(call_, AnswerWithJson<v1::GetCapabilitiesResponse>());
-    } else if (name == "status") {
+    } else if (operation_->endpoint == Endpoint::kStatus) {
       client_->GetClusterStatus(call_, [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
                                            absl::StatusOr<v1::GetClusterStatusResponse> status) {
         if (status.ok()) {
@@ -176,35 +189,21 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
   }
 
-  void RouteDataset(const std::string& rest) {
-    using Step = void (Exchange::*)();
-    Step step = nullptr;
-    bool is_picture = true;
-    if (rest.empty() || rest == "histogram") {
-      step = rest.empty() ? &Exchange::AnswerDataset : &Exchange::AnswerHistogram;
-      is_picture = false;
-    } else if (rest == "render") {
-      step = request_.method == "POST" ? &Exchange::RenderPosted : &Exchange::RenderQueried;
-    } else if (rest == "pick") {
-      step = &Exchange::Pick;
-    } else if (rest == "mesh.glb") {
-      step = &Exchange::AnswerMesh;
-    } else {
-      RespondUnknown();
-      return;
+  void AnswerOfDataset() {
+    switch (operation_->endpoint) {
+      case Endpoint::kHistogram:
+        return AnswerHistogram();
+      case Endpoint::kPicture:
+        return RenderQueried();
+      case Endpoint::kPostedPicture:
+        return RenderPosted();
+      case Endpoint::kPick:
+        return Pick();
+      case Endpoint::kMesh:
+        return AnswerMesh();
+      default:
+        return Respond(JsonResponse(ToJson(dataset_)));
     }
-    const bool takes_post = rest == "pick" || rest == "render";
-    if (!(request_.method == "GET" && rest != "pick") &&
-        !(request_.method == "POST" && takes_post)) {
-      Respond(MethodNotAllowed(request_.method, rest == "pick"     ? "POST"
-                                                : rest == "render" ? "GET, HEAD, POST"
-                                                                   : kGet));
-      return;
-    }
-    if (is_picture && !CountPicture()) {
-      return;
-    }
-    FindDataset(step);
   }
 
   // Takes one of the places for pictures; answers 429 if there is none.
@@ -222,25 +221,24 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     return false;
   }
 
-  void FindDataset(void (Exchange::*next)()) {
+  void FindDataset() {
     v1::GetDatasetRequest request;
     request.set_name(request_.target.segments[2]);
-    client_->GetDataset(
-        std::move(request), call_,
-        [self = shared_from_this(), next](absl::StatusOr<v1::GetDatasetResponse> found) {
-          const std::string& asked = self->request_.target.segments[2];
-          if (found.ok()) {
-            self->is_by_id_ =
-                found->dataset().name() != asked && found->dataset().dataset_id() == asked;
-            self->picture_revision_ = found->picture_revision();
-            self->dataset_ = std::move(*found->mutable_dataset());
-            ((*self).*next)();
-          } else if (absl::IsNotFound(found.status())) {
-            self->RespondUnknownDataset();
-          } else {
-            self->RespondError(found.status());
-          }
-        });
+    client_->GetDataset(std::move(request), call_,
+                        [self = shared_from_this()](absl::StatusOr<v1::GetDatasetResponse> found) {
+                          const std::string& asked = self->request_.target.segments[2];
+                          if (found.ok()) {
+                            self->is_by_id_ = found->dataset().name() != asked &&
+                                              found->dataset().dataset_id() == asked;
+                            self->picture_revision_ = found->picture_revision();
+                            self->dataset_ = std::move(*found->mutable_dataset());
+                            self->AnswerOfDataset();
+                          } else if (absl::IsNotFound(found.status())) {
+                            self->RespondUnknownDataset();
+                          } else {
+                            self->RespondError(found.status());
+                          }
+                        });
   }
 
   // The list leaves out datasets whose agents are all lost.
@@ -262,36 +260,14 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         });
   }
 
-  void AnswerDataset() {
-    if (TakesNoParameters()) {
-      Respond(JsonResponse(ToJson(dataset_)));
-    }
-  }
-
   void AnswerHistogram() {
-    v1::GetHistogramRequest request;
-    request.set_dataset(dataset_.name());
-    const std::string bins = request_.target.TakeParameter("bins");
-    constexpr int kMaxBins = 4096;
-    int count = 0;
-    if (!bins.empty() && (!absl::SimpleAtoi(bins, &count) || count < 1 || count > kMaxBins)) {
-      RespondError(absl::InvalidArgumentError(
-          absl::StrCat("bins is ", Quoted(bins), ": a whole number from 1 to ", kMaxBins)));
+    absl::StatusOr<v1::GetHistogramRequest> request =
+        HistogramRequestFromQuery(request_.target.query, dataset_);
+    if (!request.ok()) {
+      RespondError(request.status());
       return;
     }
-    request.set_max_bin_count(count);
-    const absl::StatusOr<std::optional<v1::FieldSelection>> selection =
-        TakeSelection(&request_.target.query);
-    if (!selection.ok()) {
-      RespondError(selection.status());
-      return;
-    }
-    if (selection->has_value()) {
-      *request.mutable_selection() = **selection;
-    }
-    if (TakesNoParameters()) {
-      client_->GetHistogram(std::move(request), call_, AnswerWithJson<v1::GetHistogramResponse>());
-    }
+    client_->GetHistogram(*std::move(request), call_, AnswerWithJson<v1::GetHistogramResponse>());
   }
 
   // Sets the dataset of the address in a frame of the body.
@@ -307,9 +283,6 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
   void Pick() {
     v1::PickSurfaceRequest request;
-    if (!TakesNoParameters()) {
-      return;
-    }
     absl::Status status = FromJson(request_.body, &request);
     if (status.ok()) {
       status = SetDataset(request.mutable_frame());
@@ -321,35 +294,38 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     client_->PickSurface(std::move(request), call_, AnswerWithJson<v1::PickSurfaceResponse>());
   }
 
+  absl::Status ReadPosted() {
+    ISOSCOPE_ASSIGN_OR_RETURN(extras_, ExtrasFromQuery(request_.target.query));
+    ISOSCOPE_RETURN_IF_ERROR(FromJson(request_.body, &render_));
+    ISOSCOPE_RETURN_IF_ERROR(SetDataset(&render_));
+    ISOSCOPE_RETURN_IF_ERROR(CheckAnswerable(render_));
+    return CheckExtras(extras_, render_, picture_revision_);
+  }
+
   void RenderPosted() {
-    if (!TakesNoParameters()) {
-      return;
-    }
-    absl::Status status = FromJson(request_.body, &render_);
-    if (status.ok()) {
-      status = SetDataset(&render_);
-    }
-    if (status.ok()) {
-      status = CheckAnswerable(render_);
-    }
-    if (!status.ok()) {
+    if (const absl::Status status = ReadPosted(); !status.ok()) {
       RespondError(status);
       return;
     }
     Render({{"Cache-Control", "no-store"}});
   }
 
+  absl::Status ReadQuery() {
+    ISOSCOPE_ASSIGN_OR_RETURN(PictureQuery query,
+                              PictureQueryFromQuery(request_.target.query, dataset_));
+    render_ = std::move(query.request);
+    extras_ = std::move(query.extras);
+    return CheckExtras(extras_, render_, picture_revision_);
+  }
+
   void RenderQueried() {
-    absl::StatusOr<v1::RenderIsosurfaceRequest> render =
-        RenderRequestFromQuery(request_.target.query, dataset_);
-    if (!render.ok()) {
-      RespondError(render.status());
+    if (const absl::Status status = ReadQuery(); !status.ok()) {
+      RespondError(status);
       return;
     }
-    render_ = *std::move(render);
     const PictureCaching caching =
         CachingOf(dataset_, picture_revision_, is_by_id_,
-                  options_.is_private || !request_.token.empty(), &render_);
+                  options_.is_private || !request_.token.empty(), KeyOf(extras_), &render_);
     if (caching.etag.empty() || !MatchesEtag(request_.if_none_match, caching.etag)) {
       Render(caching.headers);
       return;
@@ -360,25 +336,54 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     Respond(std::move(response));
   }
 
-  void Render(std::vector<std::pair<std::string, std::string>> headers) {
-    client_->Render(render_, call_,
-                    [self = shared_from_this(), headers = std::move(headers)](
-                        absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
-                      self->Respond(rendered.ok() ? PictureResponse(self->render_, headers,
-                                                                    *std::move(rendered))
-                                                  : ErrorResponse(rendered.status()));
-                    });
+  using Headers = std::vector<std::pair<std::string, std::string>>;
+
+  void Render(Headers headers) {
+    client_->Render(
+        render_, call_,
+        [self = shared_from_this(), headers = std::move(headers)](
+            absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) mutable {
+          if (!rendered.ok()) {
+            self->RespondError(rendered.status());
+          } else if (self->extras_.any()) {
+            self->DrawExtras(std::move(headers), *std::move(rendered));
+          } else {
+            self->Respond(PictureResponse(self->render_, std::move(headers), *std::move(rendered)));
+          }
+        });
+  }
+
+  void DrawExtras(Headers headers, v1::RenderIsosurfaceResponse rendered) {
+    const bool is_queued = drawing_->TrySchedule([self = shared_from_this(),
+                                                  headers = std::move(headers),
+                                                  rendered = std::move(rendered)]() mutable {
+      absl::Status status = self->call_.scope->Check();  // a client that left waits for none
+      if (status.ok()) {
+        status = AddExtras(self->extras_, self->render_, self->dataset_, self->picture_revision_,
+                           &rendered);
+      }
+      self->Respond(status.ok()
+                        ? PictureResponse(self->render_, std::move(headers), std::move(rendered))
+                        : ErrorResponse(status));
+    });
+    if (!is_queued) {
+      RespondError(base::WithRetryDelay(
+          absl::ResourceExhaustedError("too many pictures wait for their annotations"),
+          absl::Seconds(1)));
+    }
   }
 
   void AnswerMesh() {
-    absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
+    absl::StatusOr<MeshQuery> query =
+        MeshQueryFromQuery(operation_->mesh_format, request_.target.query, dataset_);
     if (!query.ok()) {
       RespondError(query.status());
       return;
     }
     const std::optional<client::MeshField> field = client::PinSelection(dataset_, &query->request);
-    absl::StatusOr<std::unique_ptr<MeshAnswer>> mesh = MeshAnswer::Begin(
-        query->surfaces, field, request_.caller, options_.max_mesh_bytes, meshes_);
+    absl::StatusOr<std::unique_ptr<MeshAnswer>> mesh =
+        MeshAnswer::Begin(operation_->mesh_format, query->surfaces, field, request_.caller,
+                          options_.max_mesh_bytes, meshes_);
     if (!mesh.ok()) {
       RespondError(mesh.status());
       return;
@@ -408,7 +413,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       ISOSCOPE_ASSIGN_OR_RETURN(const HttpResponse empty, mesh_->Finish());
       RemoveTemporaryFile(empty.file_path);
     }
-    HttpResponse response = MeshAnswer::Header();
+    HttpResponse response = MeshAnswer::Header(operation_->mesh_format);
     response.has_unknown_length = true;
     return response;
   }
@@ -417,15 +422,18 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   CoordinatorClient* const client_;
   std::atomic<int>* const pictures_;
   MeshBudget* const meshes_;
+  base::Executor* const drawing_;
   HttpRequest request_;
   const CallOptions call_;
   Api::Respond respond_;
+  const Operation* operation_ = nullptr;
   bool is_picture_ = false;
 
   v1::Dataset dataset_;
   bool is_by_id_ = false;
   std::string picture_revision_;
   v1::RenderIsosurfaceRequest render_;
+  PictureExtras extras_;
   std::unique_ptr<MeshAnswer> mesh_;
   bool has_mesh_begun_ = false;
 };
@@ -433,8 +441,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 }  // namespace
 
 void Api::Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond) {
-  std::make_shared<Exchange>(options_, client_, &pictures_in_work_, &meshes_, std::move(request),
-                             std::move(cancellation), std::move(respond))
+  std::make_shared<Exchange>(options_, client_, &pictures_in_work_, &meshes_, drawing_.get(),
+                             std::move(request), std::move(cancellation), std::move(respond))
       ->Route();
 }
 

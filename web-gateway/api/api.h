@@ -5,10 +5,15 @@
 #define ISOSCOPE_WEB_GATEWAY_API_API_H_
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <string>
+#include <utility>
+#include <vector>
 
+#include "core/base/executor.h"
 #include "web-gateway/api/coordinator_client.h"
 #include "web-gateway/api/mesh_budget.h"
 #include "web-gateway/api/request_scope.h"
@@ -27,6 +32,8 @@ struct ApiOptions {
   bool is_private = false;
   // True if users' tokens are the coordinator's.
   bool passes_tokens = false;
+  // Origins of pages that may have the page in a frame.
+  std::vector<std::string> framing_origins = {};
 };
 
 // Thread-safe.
@@ -37,13 +44,19 @@ class Api {
   // `client` outlives it, and all calls have ended before it is destroyed. Its answers are sent, or
   // dropped, before that.
   Api(ApiOptions options, CoordinatorClient* client)
-      : options_(options),
+      : options_(std::move(options)),
         client_(client),
-        meshes_(options.max_caller_meshes, options.max_mesh_bytes) {}
+        meshes_(options_.max_caller_meshes, options_.max_mesh_bytes),
+        drawing_(std::make_unique<base::Executor>(
+            /*thread_count=*/1, static_cast<std::size_t>(options_.max_pictures))) {}
 
   // Answers: calls `respond` once, on this thread or on one of gRPC's. When the cancellation fires,
   // the work stops, and the answer follows soon.
   void Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond);
+
+  // Waits until the annotations in work are drawn and answered. No call of Answer follows, and all
+  // calls to the coordinator have ended.
+  void FinishDrawing() { drawing_.reset(); }
 
   [[nodiscard]] int pictures_in_work() const { return pictures_in_work_.load(); }
 
@@ -52,6 +65,8 @@ class Api {
   CoordinatorClient* const client_;
   MeshBudget meshes_;
   std::atomic<int> pictures_in_work_{0};
+  std::unique_ptr<base::Executor>
+      drawing_;  // of annotations; ends first, as its tasks use the rest
 };
 
 }  // namespace isoscope::gateway

@@ -21,13 +21,17 @@
 
 namespace isoscope::gateway {
 
+// Returns the type of a file: "model/gltf-binary"; that of bytes where none is registered.
+std::string MeshMediaType(client::MeshFormat format);
+
 // Thread-compatible.
 class MeshAnswer {
  public:
   // Takes a place of `caller` in the budget, which outlives the answer, and creates the file.
   // `max_disk_bytes`: what this mesh may take on disk. `field`: what the file says of it.
+  // REQUIRES: the format can hold the surfaces (client::Validate).
   static absl::StatusOr<std::unique_ptr<MeshAnswer>> Begin(
-      const std::vector<client::MeshSurface>& surfaces,
+      client::MeshFormat format, const std::vector<client::MeshSurface>& surfaces,
       const std::optional<client::MeshField>& field, const std::string& caller,
       std::int64_t max_disk_bytes, MeshBudget* budget);
   // Removes the file, unless Finish has returned it.
@@ -41,17 +45,19 @@ class MeshAnswer {
   absl::StatusOr<HttpResponse> Finish();
 
   // Returns an answer without a mesh.
-  static HttpResponse Header();
+  static HttpResponse Header(client::MeshFormat format);
 
  private:
-  MeshAnswer(std::int64_t max_disk_bytes, std::size_t surface_count,
+  MeshAnswer(client::MeshFormat format, std::int64_t max_disk_bytes, std::size_t surface_count,
              std::shared_ptr<MeshBudget::Lease> lease)
-      : max_disk_bytes_(max_disk_bytes),
+      : format_(format),
+        max_disk_bytes_(max_disk_bytes),
         lease_(std::move(lease)),
         decoder_(static_cast<int>(surface_count)) {}
   // Counts the bytes on disk of the mesh so far.
   [[nodiscard]] absl::Status CountBytes() const;
 
+  const client::MeshFormat format_;
   const std::int64_t max_disk_bytes_;
   std::shared_ptr<MeshBudget::Lease> lease_;
   client::MeshDecoder decoder_;

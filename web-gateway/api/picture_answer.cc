@@ -80,7 +80,8 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
 }
 
 PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_revision,
-                         bool is_by_id, bool is_private, v1::RenderIsosurfaceRequest* request) {
+                         bool is_by_id, bool is_private, absl::string_view extras_key,
+                         v1::RenderIsosurfaceRequest* request) {
   if (request->culling() == v1::CULLING_MASK || picture_revision.empty()) {
     return NoCaching();  // approximate, or drawn by unknown code
   }
@@ -103,10 +104,17 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
   if (!digest.empty()) {
     parts.emplace_back(digest);
   }
+  // Annotations show names and units of the dataset, which its id does not tell.
+  const std::string described = extras_key.empty() ? "" : Serialize(dataset);
+  if (!extras_key.empty()) {
+    parts.emplace_back(extras_key);
+    parts.emplace_back(described);
+  }
   const std::string etag = MakeEtag(parts);
   // The id of a dataset names its first step alone.
   const bool is_named = request->selection().time_step() == 0;
-  const bool is_immutable = is_by_id && is_named && !may_change && ranges.empty();
+  const bool is_immutable =
+      is_by_id && is_named && !may_change && ranges.empty() && extras_key.empty();
   return {.etag = etag,
           .headers = {{"ETag", etag},
                       {"Cache-Control",

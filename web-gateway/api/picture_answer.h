@@ -27,9 +27,10 @@ struct PictureCaching {
 };
 // Completes the selection of the request by what `dataset` serves, and returns how its picture may
 // be cached: not without a picture revision. `is_by_id`: the address names the content of the
-// dataset. `is_private`: no shared cache may keep it.
+// dataset. `is_private`: no shared cache may keep it. `extras_key`: of what the gateway adds to the
+// picture (picture_extras.h); with one the picture is never immutable.
 PictureCaching CachingOf(const isoscope::v1::Dataset& dataset, absl::string_view picture_revision,
-                         bool is_by_id, bool is_private,
+                         bool is_by_id, bool is_private, absl::string_view extras_key,
                          isoscope::v1::RenderIsosurfaceRequest* request);
 
 // Returns the picture or plane that the request asks for, with these headers and those of the

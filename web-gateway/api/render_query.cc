@@ -54,23 +54,8 @@ absl::StatusOr<std::int64_t> ParseQuality(absl::string_view text) {
   return client::ParseInteger(text, 1, 100);
 }
 
-// Turns "--clip-plane is ..." into "clip-plane is ...": names in an address have no dashes.
-std::string WithoutDashes(absl::string_view message) {
-  std::string plain;
-  bool is_command = false;  // within `...`, which is typed as it is
-  for (std::size_t i = 0; i < message.size(); ++i) {
-    is_command = is_command != (message[i] == '`');
-    const bool begins_word =
-        !is_command &&
-        (i == 0 || absl::string_view(" '(").find(message[i - 1]) != absl::string_view::npos);
-    if (begins_word && message.substr(i, 2) == "--" && i + 2 < message.size() &&
-        absl::ascii_isalpha(static_cast<unsigned char>(message[i + 2]))) {
-      ++i;
-      continue;
-    }
-    plain += message[i];
-  }
-  return plain;
+absl::StatusOr<std::int64_t> ParseBinCount(absl::string_view text) {
+  return client::ParseInteger(text, 1, 4096);
 }
 
 absl::Status ParameterError(const absl::Status& status) {
@@ -91,7 +76,7 @@ absl::Status UnknownParameter(const std::string& name,
                    " there are: ", absl::StrJoin(names, ", ")));
 }
 
-// Parses the parameters as flags of `set`. REQUIRES: each flag has one name, and a value.
+// Parses the parameters as flags of `set`. REQUIRES: each flag has one name.
 absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
   const std::vector<cli::FlagDescription> parameters = set->Describe();
   std::vector<std::string> arguments;
@@ -113,7 +98,8 @@ absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
       return absl::InvalidArgumentError(
           absl::StrCat("the parameter ", name, " is given ", times, " times: it may come once"));
     }
-    if (value.empty() && !parameter->has_optional_value) {
+    const bool is_switch = parameter->value_name.empty();
+    if (value.empty() && !parameter->has_optional_value && !is_switch) {
       return absl::InvalidArgumentError(absl::StrCat("the parameter ", name, " has no value"));
     }
     // "--name=" would take the next argument as its value.
@@ -139,114 +125,219 @@ OutputOptions OutputOf(Format format, const std::optional<std::int64_t>& quality
   return output;
 }
 
-}  // namespace
-
-absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryParameters& query,
-                                                                   const v1::Dataset& dataset) {
-  client::RequestFlags flags;
+// The flags of a picture.
+struct PictureFlags {
+  client::RequestFlags request;
   client::ViewFlags view;
   client::LookFlags look;
   client::EffectFlags effects;
+  PictureExtras extras;
   std::optional<Format> format;
   std::optional<std::int64_t> quality;
-  cli::FlagSet set({.has_help = false});
-  client::AddRequestFlags(&set, &flags);
-  client::AddNamedViewFlags(&set, &view);
-  client::AddLookFlags(&set, &look);
-  client::AddEffectFlags(&set, &effects);
-  cli::AddFlag(&set, "--format", "png|jpeg|depth", &format, ParseFormat, "");
-  cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
-  ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &flags.label)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(view, flags.camera)));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(CheckUsage(look, flags.surface_count(), flags.has_sample_caps())));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(look, dataset)));
-  if (quality && format != Format::kJpeg) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("quality is ", *quality, " without format=jpeg: only a JPEG has one"));
-  }
-  const absl::StatusOr<v1::Camera> camera = client::ResolveView(view, flags.camera, dataset);
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
-  ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(flags, dataset.name(), *camera, view.fit));
-  client::SetEffects(effects, &request);
-  client::AddLook(look, &request);
-  if (format.value_or(Format::kPng) != Format::kPng) {
-    *request.mutable_output() = OutputOf(*format, quality);
-  }
-  return request;
-}
 
-absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
-                                             const v1::Dataset& dataset) {
+  void Declare(cli::FlagSet* set) {
+    client::AddRequestFlags(set, &request);
+    client::AddNamedViewFlags(set, &view);
+    client::AddLookFlags(set, &look);
+    client::AddEffectFlags(set, &effects);
+    AddExtrasFlags(set, &extras);
+    cli::AddFlag(set, "--format", "png|jpeg|depth", &format, ParseFormat,
+                 "what the answer is: a PNG (default), a JPEG, or the distance of each pixel as "
+                 "little-endian float32, row by row");
+    cli::AddFlag(set, "--quality", "N", &quality, ParseQuality,
+                 "of a JPEG, 1 to 100 (default: 90)");
+  }
+};
+
+// The flags of a mesh.
+struct MeshFlags {
   std::optional<double> isovalue;
   std::optional<frame::Color> color;
   std::vector<client::SurfaceValue> surfaces;
   client::LabelFlags label;
   client::ClipFlags clip;
   client::SelectionFlags selection;
+
+  void Declare(cli::FlagSet* set) {
+    cli::AddFlag(set, "--isovalue", "V", &isovalue, client::ParseNumber,
+                 "the level, in field units");
+    cli::AddFlag(set, "--color", "COLOR", &color, client::ParseColor,
+                 "colour of the surface: a name of CSS as teal, #RRGGBB, or R,G,B from 0 to 1 "
+                 "(default: none)");
+    cli::AddRepeatableFlag(set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface,
+                           "a surface: its level and colour; instead of --isovalue and --color, "
+                           "any number of times");
+    client::AddLabelFlags(set, &label, /*has_opacity=*/false);
+    client::AddClipFlags(set, &clip);
+    client::AddSelectionFlags(set, &selection);
+  }
+};
+
+// The flags of a histogram.
+struct HistogramFlags {
+  std::optional<std::int64_t> bin_count;
+  client::SelectionFlags selection;
+
+  void Declare(cli::FlagSet* set) {
+    cli::AddFlag(set, "--bins", "N", &bin_count, ParseBinCount,
+                 "the most bins, 1 to 4096 (default: 256)");
+    client::AddSelectionFlags(set, &selection);
+  }
+};
+
+// The flags beside a posted request.
+struct ExtrasFlags {
+  PictureExtras extras;
+
+  void Declare(cli::FlagSet* set) { AddExtrasFlags(set, &extras); }
+};
+
+// Reads the parameters into the flags that they declare.
+template <typename Flags>
+absl::Status ParseInto(const QueryParameters& query, Flags* flags) {
   cli::FlagSet set({.has_help = false});
-  cli::AddFlag(&set, "--isovalue", "V", &isovalue, client::ParseNumber, "");
-  cli::AddFlag(&set, "--color", "COLOR", &color, client::ParseColor, "");
-  cli::AddRepeatableFlag(&set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface, "");
-  client::AddLabelFlags(&set, &label, /*has_opacity=*/false);
-  client::AddClipFlags(&set, &clip);
-  client::AddSelectionFlags(&set, &selection);
-  ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
-  if ((isovalue.has_value() && !surfaces.empty()) ||
-      (!isovalue.has_value() && surfaces.empty() && label.empty())) {
+  flags->Declare(&set);
+  return Parse(query, &set);
+}
+
+template <typename Flags>
+ParameterTable TableOf() {
+  Flags flags;
+  cli::FlagSet set({.has_help = false});
+  flags.Declare(&set);
+  return set.Describe();
+}
+
+// Returns the surfaces that a file has. Meshes are opaque.
+std::vector<client::MeshSurface> SurfacesOf(client::MeshFormat format, const MeshFlags& flags) {
+  std::vector<client::MeshSurface> surfaces;
+  if (flags.isovalue) {
+    surfaces.push_back({.isovalue = *flags.isovalue, .color = flags.color});
+  }
+  for (const client::SurfaceValue& surface : flags.surfaces) {
+    surfaces.push_back({.isovalue = surface.isovalue, .color = surface.color});
+  }
+  for (const client::LabelSurface& surface : flags.label.surfaces) {
+    surfaces.push_back({.color = surface.color, .name = surface.name});
+    if (format == client::MeshFormat::kStl && !surface.is_color_given) {
+      surfaces.back().color.reset();  // nobody asked for one, and the file can't have it
+    }
+  }
+  for (client::MeshSurface& surface : surfaces) {
+    if (surface.color) {
+      surface.color->alpha = 1;
+    }
+  }
+  return surfaces;
+}
+
+}  // namespace
+
+std::string WithoutDashes(absl::string_view message) {
+  std::string plain;
+  bool is_command = false;  // within `...`, which is typed as it is
+  for (std::size_t i = 0; i < message.size(); ++i) {
+    is_command = is_command != (message[i] == '`');
+    const bool begins_word =
+        !is_command &&
+        (i == 0 || absl::string_view(" '(").find(message[i - 1]) != absl::string_view::npos);
+    if (begins_word && message.substr(i, 2) == "--" && i + 2 < message.size() &&
+        absl::ascii_isalpha(static_cast<unsigned char>(message[i + 2]))) {
+      ++i;
+      continue;
+    }
+    plain += message[i];
+  }
+  return plain;
+}
+
+absl::StatusOr<PictureQuery> PictureQueryFromQuery(const QueryParameters& query,
+                                                   const v1::Dataset& dataset) {
+  PictureFlags flags;
+  ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
+  client::RequestFlags& asked = flags.request;
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(asked)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &asked.label)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(asked)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags.view, asked.camera)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(CheckUsage(flags.look, asked.surface_count(), asked.has_sample_caps())));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(flags.look, dataset)));
+  if (flags.quality && flags.format != Format::kJpeg) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("quality is ", *flags.quality, " without format=jpeg: only a JPEG has one"));
+  }
+  const absl::StatusOr<v1::Camera> camera = client::ResolveView(flags.view, asked.camera, dataset);
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
+  PictureQuery picture;
+  picture.extras = flags.extras;
+  ISOSCOPE_ASSIGN_OR_RETURN(picture.request,
+                            client::MakeRequest(asked, dataset.name(), *camera, flags.view.fit));
+  client::SetEffects(flags.effects, &picture.request);
+  client::AddLook(flags.look, &picture.request);
+  if (flags.format.value_or(Format::kPng) != Format::kPng) {
+    *picture.request.mutable_output() = OutputOf(*flags.format, flags.quality);
+  }
+  return picture;
+}
+
+ParameterTable PictureParameters() { return TableOf<PictureFlags>(); }
+
+absl::StatusOr<PictureExtras> ExtrasFromQuery(const QueryParameters& query) {
+  ExtrasFlags flags;
+  ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
+  return flags.extras;
+}
+
+ParameterTable ExtrasParameters() { return TableOf<ExtrasFlags>(); }
+
+absl::StatusOr<MeshQuery> MeshQueryFromQuery(client::MeshFormat format,
+                                             const QueryParameters& query,
+                                             const v1::Dataset& dataset) {
+  MeshFlags flags;
+  ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
+  if ((flags.isovalue.has_value() && !flags.surfaces.empty()) ||
+      (!flags.isovalue.has_value() && flags.surfaces.empty() && flags.label.empty())) {
     return absl::InvalidArgumentError(
         "give isovalue=V, surface=V:COLOR for each surface, or label=SET:COLOR for each surface of "
         "labels");
   }
   ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &label)));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(client::CheckSurfaces(isovalue, surfaces, /*color=*/std::nullopt, label)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(clip)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
+      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &flags.label)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(
+      client::CheckSurfaces(flags.isovalue, flags.surfaces, /*color=*/std::nullopt, flags.label)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags.clip)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags.selection)));
   MeshQuery mesh;
-  mesh.request = client::MakeExportRequest(isovalue, surfaces, clip, dataset.name(), label);
+  mesh.request = client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip,
+                                           dataset.name(), flags.label);
   mesh.request.set_with_origin(true);
-  if (const auto proto = ToProto(selection); proto) {
+  if (const auto proto = ToProto(flags.selection); proto) {
     *mesh.request.mutable_selection() = *proto;
   }
-  if (isovalue) {
-    mesh.surfaces = {{.isovalue = *isovalue, .color = color}};
-  }
-  for (const client::SurfaceValue& surface : surfaces) {
-    mesh.surfaces.push_back({.isovalue = surface.isovalue, .color = surface.color});
-    if (surface.color && surface.color->alpha != 1.0F) {
-      mesh.surfaces.back().color->alpha = 1;  // meshes are opaque
-    }
-  }
-  for (const client::LabelSurface& surface : label.surfaces) {
-    mesh.surfaces.push_back({.color = surface.color, .name = surface.name});
-    mesh.surfaces.back().color->alpha = 1;
-  }
+  mesh.surfaces = SurfacesOf(format, flags);
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::Validate({.path = "", .format = format, .surfaces = mesh.surfaces})));
   return mesh;
 }
 
-absl::StatusOr<std::optional<v1::FieldSelection>> TakeSelection(QueryParameters* query) {
-  client::SelectionFlags selection;
-  cli::FlagSet set({.has_help = false});
-  client::AddSelectionFlags(&set, &selection);
-  const std::vector<cli::FlagDescription> parameters = set.Describe();
-  const auto others = std::stable_partition(
-      query->begin(), query->end(), [&](const std::pair<std::string, std::string>& one) {
-        return std::any_of(parameters.begin(), parameters.end(), [&](const auto& parameter) {
-          return parameter.names[0] == absl::StrCat("--", one.first);
-        });
-      });
-  const QueryParameters taken(query->begin(), others);
-  query->erase(query->begin(), others);
-  ISOSCOPE_RETURN_IF_ERROR(Parse(taken, &set));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(selection)));
-  return ToProto(selection);
+ParameterTable MeshParameters() { return TableOf<MeshFlags>(); }
+
+absl::StatusOr<v1::GetHistogramRequest> HistogramRequestFromQuery(const QueryParameters& query,
+                                                                  const v1::Dataset& dataset) {
+  HistogramFlags flags;
+  ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags.selection)));
+  v1::GetHistogramRequest request;
+  request.set_dataset(dataset.name());
+  request.set_max_bin_count(static_cast<std::int32_t>(flags.bin_count.value_or(0)));
+  if (const auto proto = ToProto(flags.selection); proto) {
+    *request.mutable_selection() = *proto;
+  }
+  return request;
 }
+
+ParameterTable HistogramParameters() { return TableOf<HistogramFlags>(); }
 
 }  // namespace isoscope::gateway

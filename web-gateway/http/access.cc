@@ -96,7 +96,12 @@ absl::string_view BearerOf(absl::string_view authorization) {
 
 absl::StatusOr<std::string> ParseOrigin(absl::string_view text) {
   const absl::string_view authority = AuthorityOf(text);
-  if (authority.empty() || authority.find_first_of("/?#@ ") != absl::string_view::npos) {
+  // An origin may stand in a header, so nothing else than a host passes.
+  const bool is_host = std::all_of(authority.begin(), authority.end(), [](unsigned char c) {
+    return absl::ascii_isalnum(c) ||
+           absl::string_view(".-_:[]").find(static_cast<char>(c)) != absl::string_view::npos;
+  });
+  if (authority.empty() || !is_host) {
     return absl::InvalidArgumentError(absl::StrCat(
         Quoted(text), " is not an origin: http://HOST[:PORT] or https://HOST[:PORT], no path"));
   }

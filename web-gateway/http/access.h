@@ -26,7 +26,8 @@
 
 namespace isoscope::gateway {
 
-// Returns "https://hub.example.org", in lower case, without a path. INVALID_ARGUMENT otherwise.
+// Returns "https://hub.example.org", in lower case, without a path. INVALID_ARGUMENT otherwise, also
+// for a wildcard.
 absl::StatusOr<std::string> ParseOrigin(absl::string_view text);
 
 // Returns true if "HOST:PORT" names this machine's loopback device: 127.x.y.z, [::1] or localhost.

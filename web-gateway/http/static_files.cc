@@ -19,6 +19,14 @@ constexpr char kContentSecurityPolicy[] =
 
 }  // namespace
 
+std::string PagePolicy(const std::vector<std::string>& framing_origins) {
+  std::string policy = kContentSecurityPolicy;
+  for (const std::string& origin : framing_origins) {
+    absl::StrAppend(&policy, " ", origin);
+  }
+  return policy;
+}
+
 std::string ContentTypeOf(absl::string_view name) {
   return absl::EndsWith(name, ".html")  ? "text/html; charset=utf-8"
          : absl::EndsWith(name, ".js")  ? "text/javascript; charset=utf-8"
@@ -27,7 +35,7 @@ std::string ContentTypeOf(absl::string_view name) {
                                         : "application/octet-stream";
 }
 
-HttpResponse ServeStaticFile(const HttpRequest& request) {
+HttpResponse ServeStaticFile(const HttpRequest& request, const std::string& policy) {
   const std::vector<std::string>& segments = request.target.segments;
   const std::string name = segments.empty() ? "index.html" : absl::StrJoin(segments, "/");
   for (const StaticFile& file : StaticFiles()) {
@@ -36,9 +44,8 @@ HttpResponse ServeStaticFile(const HttpRequest& request) {
     }
     HttpResponse response;
     const std::string etag = MakeEtag({file.content});
-    response.headers = {{"ETag", etag},
-                        {"Cache-Control", "no-cache"},
-                        {"Content-Security-Policy", kContentSecurityPolicy}};
+    response.headers = {
+        {"ETag", etag}, {"Cache-Control", "no-cache"}, {"Content-Security-Policy", policy}};
     if (MatchesEtag(request.if_none_match, etag)) {
       response.status = 304;
       return response;

@@ -23,8 +23,12 @@ const std::vector<StaticFile>& StaticFiles();
 // The type of a file by its suffix: "text/html; charset=utf-8".
 std::string ContentTypeOf(absl::string_view name);
 
-// Answers a request for the page ("/") or one of its files. 404 for any other path.
-HttpResponse ServeStaticFile(const HttpRequest& request);
+// Returns the Content-Security-Policy of the page: only its own files run, and only its own origin
+// and these may frame it. REQUIRES: origins as ParseOrigin returns them.
+std::string PagePolicy(const std::vector<std::string>& framing_origins);
+
+// Answers a request for the page ("/") or one of its files, with `policy`. 404 for any other path.
+HttpResponse ServeStaticFile(const HttpRequest& request, const std::string& policy);
 
 }  // namespace isoscope::gateway
 

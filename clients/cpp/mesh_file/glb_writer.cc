@@ -140,6 +140,7 @@ class GlbWriter : public MeshWriter {
   }
 
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+  [[nodiscard]] DiskUse disk_use() const override { return file_->disk_use(); }
 
  private:
   // A multiple of 4, as the format wants it.

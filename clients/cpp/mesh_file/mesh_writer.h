@@ -17,11 +17,14 @@
 
 #include "clients/cpp/mesh_file/mesh_field.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
+#include "clients/cpp/mesh_file/sectioned_file.h"
 #include "core/frame/color.h"
 
 namespace isoscope::client {
 
 enum class MeshFormat { kPly, kStl, kObj, kGlb, kVtp };
+inline constexpr std::array<MeshFormat, 5> kMeshFormats = {
+    MeshFormat::kPly, MeshFormat::kStl, MeshFormat::kObj, MeshFormat::kGlb, MeshFormat::kVtp};
 
 // "ply", "stl", "obj", "glb", "vtp".
 absl::StatusOr<MeshFormat> ParseMeshFormat(absl::string_view text);
@@ -87,6 +90,8 @@ class MeshWriter : public MeshSink {
   [[nodiscard]] std::int64_t triangle_count() const { return triangle_count_; }
   // Size of the finished file.
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
+  // The disk that the pieces so far take, until Finish.
+  [[nodiscard]] virtual DiskUse disk_use() const = 0;
 
  protected:
   MeshWriter() = default;

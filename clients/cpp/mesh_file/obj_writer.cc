@@ -84,6 +84,7 @@ class ObjWriter : public MeshWriter {
   absl::Status Finish() override { return file_->Finish(Header()); }
 
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+  [[nodiscard]] DiskUse disk_use() const override { return file_->disk_use(); }
 
  private:
   [[nodiscard]] std::string Header() const {

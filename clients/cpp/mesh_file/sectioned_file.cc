@@ -48,6 +48,19 @@ std::int64_t SectionedFile::section_bytes(std::size_t section) const {
                       : later_sections_[section - 1].file->size_bytes();
 }
 
+DiskUse SectionedFile::disk_use() const {
+  std::int64_t largest = 0;  // of those that are on disk twice while they are appended
+  DiskUse use;
+  for (std::size_t section = 0; section <= later_sections_.size(); ++section) {
+    use.file_bytes += section_bytes(section);
+    if (section > 0) {
+      largest = std::max(largest, section_bytes(section));
+    }
+  }
+  use.peak_bytes = use.file_bytes + largest;
+  return use;
+}
+
 absl::Status SectionedFile::AppendSection(const Section& section) {
   ISOSCOPE_RETURN_IF_ERROR(section.file->Close());
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> in,

@@ -19,6 +19,12 @@
 
 namespace isoscope::client {
 
+// The disk that a file takes, without its header.
+struct DiskUse {
+  std::int64_t file_bytes = 0;  // of the finished file
+  std::int64_t peak_bytes = 0;  // while it is put together; at least file_bytes
+};
+
 // The first section is written directly after the header, whose length is fixed. Each other section
 // has its own file, which is appended at the end. So memory stays small whatever the file's size.
 // Without Finish the destructor removes the written data. Thread-compatible.
@@ -35,6 +41,9 @@ class SectionedFile {
   absl::Status Append(std::size_t section, absl::string_view bytes);
   // Bytes of a section so far; of the first one without the header.
   [[nodiscard]] std::int64_t section_bytes(std::size_t section) const;
+
+  // The disk that the sections so far take.
+  [[nodiscard]] DiskUse disk_use() const;
 
   // Joins the sections. `between[i]` is written between section i and section i + 1 (none if it is
   // shorter), `tail` after the last. REQUIRES: header.size() is that of Create.

@@ -93,6 +93,11 @@ class StlWriter : public MeshWriter {
   absl::Status Finish() override { return file_->Finish(Header()); }
 
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+  [[nodiscard]] DiskUse disk_use() const override {
+    DiskUse use = file_->disk_use();
+    use.peak_bytes += static_cast<std::int64_t>(positions_->values().size_bytes());
+    return use;
+  }
 
  private:
   [[nodiscard]] std::string Header() const {

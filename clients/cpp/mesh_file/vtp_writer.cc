@@ -134,6 +134,15 @@ class VtpWriter : public MeshWriter {
   }
 
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+  [[nodiscard]] DiskUse disk_use() const override {
+    DiskUse use = file_->disk_use();
+    // The offsets come last.
+    const std::int64_t offset_bytes =
+        triangle_count() * static_cast<std::int64_t>(sizeof(std::int64_t));
+    use.file_bytes += offset_bytes;
+    use.peak_bytes += offset_bytes;
+    return use;
+  }
 
  private:
   [[nodiscard]] std::size_t header_bytes() const { return kHeaderBytes + field_data_.size(); }

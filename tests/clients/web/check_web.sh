@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs one check of clients/web; ends with 77 (skipped) where its program is missing:
-#   check_web.sh types | unit | command | browser | page
+#   check_web.sh types | unit | command | package | browser | page
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -27,6 +27,17 @@ case "${1:-}" in
     fi
     node --test command_test.mjs
     ;;
+  package)
+    require node nodejs
+    require tsc node-typescript
+    if ! command -v protoc >/dev/null; then
+      exec python3 ../../support/skips.py protoc "protoc is missing; Debian has it in protobuf-compiler"
+    fi
+    if ! /usr/bin/python3 -c 'import google.protobuf' 2>/dev/null; then
+      exec python3 ../../support/skips.py python "Python's protobuf is missing; Debian has it in python3-protobuf"
+    fi
+    node --test package_test.mjs
+    ;;
   browser)
     # Debian's own: another Python first on the PATH has no python3-selenium.
     exec /usr/bin/python3 browser_test.py
@@ -35,7 +46,7 @@ case "${1:-}" in
     exec /usr/bin/python3 browser_page_test.py
     ;;
   *)
-    echo "usage: check_web.sh types | unit | command | browser | page" >&2
+    echo "usage: check_web.sh types | unit | command | package | browser | page" >&2
     exit 2
     ;;
 esac

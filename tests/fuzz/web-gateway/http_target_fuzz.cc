@@ -53,13 +53,12 @@ v1::Dataset MakeDataset() {
   return dataset;
 }
 
-void ReadSelection(gateway::QueryParameters query) {
-  const std::size_t size = query.size();
-  const auto selection = gateway::TakeSelection(&query);
-  if (!selection.ok()) {
-    RequireError(selection.status(), {absl::StatusCode::kInvalidArgument});
+void ReadHistogram(const gateway::QueryParameters& query, const v1::Dataset& dataset) {
+  const auto histogram = gateway::HistogramRequestFromQuery(query, dataset);
+  if (!histogram.ok()) {
+    RequireError(histogram.status(), {absl::StatusCode::kInvalidArgument});
   } else {
-    Require(selection->has_value() == (query.size() < size), "a selection is of its parameters");
+    Require(histogram->max_bin_count() <= 4096, "a histogram has few bins");
   }
 }
 
@@ -88,8 +87,9 @@ void ReadTarget(absl::string_view text) {
   Require(taken.TakeParameter("token").empty(), "a token that was taken out is gone");
 
   const v1::Dataset dataset = MakeDataset();
-  const auto picture = gateway::RenderRequestFromQuery(target->query, dataset);
-  if (picture.ok()) {
+  const auto query = gateway::PictureQueryFromQuery(target->query, dataset);
+  if (query.ok()) {
+    const v1::RenderIsosurfaceRequest* const picture = &query->request;
     Require(picture->dataset() == "head", "a picture is one of the dataset of its address");
     const auto selection = wire::ResolveSelection(picture->selection(), dataset);
     if (selection.ok()) {
@@ -99,13 +99,15 @@ void ReadTarget(absl::string_view text) {
       Require(!gateway::DependsOnLaterSteps(*selection, dataset), "and stays what it is");
     }
   } else {
-    RequireError(picture.status(), {absl::StatusCode::kInvalidArgument});
+    RequireError(query.status(), {absl::StatusCode::kInvalidArgument});
   }
-  const auto mesh = gateway::MeshQueryFromQuery(target->query, dataset);
-  if (!mesh.ok()) {
-    RequireError(mesh.status(), {absl::StatusCode::kInvalidArgument});
+  for (const client::MeshFormat format : {client::MeshFormat::kGlb, client::MeshFormat::kStl}) {
+    const auto mesh = gateway::MeshQueryFromQuery(format, target->query, dataset);
+    if (!mesh.ok()) {
+      RequireError(mesh.status(), {absl::StatusCode::kInvalidArgument});
+    }
   }
-  ReadSelection(target->query);
+  ReadHistogram(target->query, dataset);
 }
 
 void ReadMessage(absl::string_view text) {

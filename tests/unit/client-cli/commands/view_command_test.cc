@@ -94,6 +94,8 @@ TEST(ViewCommandTest, WrongUsageIsNamed) {
       {{"view", "a", "--labels", "all", "--label", "3"}, "leave --label out"},
       {{"view", "a", "--terminal", "--label", "3"}, "--terminal can't be used with --label"},
       {{"view", "a", "--terminal", "--gateway-token-file", "t"}, "--gateway-token-file"},
+      {{"view", "a", "--terminal", "--allow-origin", "https://hub.org"}, "--allow-origin"},
+      {{"view", "a", "--allow-origin", "https://hub.org/lab"}, "is not an origin"},
   };
   for (const auto& c : cases) {
     std::ostringstream out;

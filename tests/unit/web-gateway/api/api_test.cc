@@ -3,9 +3,11 @@
 
 #include "web-gateway/api/api.h"
 
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/notification.h"
@@ -17,6 +19,7 @@
 #include <grpcpp/server_builder.h>
 
 #include "core/base/monotonic_time.h"
+#include "core/image/png_codec.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -114,7 +117,8 @@ class Surfaces final : public v1::IsosurfaceService::Service {
       grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* writer) override {
     ++picture_count;
     v1::RenderIsosurfaceStreamResponse message;
-    message.mutable_part()->set_png("a picture");
+    message.mutable_part()->set_png(png);
+    *message.mutable_part()->mutable_camera() = camera;
     if (request->request().has_selection()) {
       *message.mutable_part()->mutable_selection() = request->request().selection();
       message.mutable_part()->set_time(request->request().selection().time_step() * 0.5);
@@ -123,6 +127,8 @@ class Surfaces final : public v1::IsosurfaceService::Service {
     return grpc::Status::OK;
   }
 
+  std::string png = "a picture";
+  v1::Camera camera;
   int picture_count = 0;
 };
 
@@ -288,6 +294,50 @@ TEST_F(ApiTest, OnlyWhatTheDatasetIdNamesIsImmutable) {
   }
 }
 
+TEST_F(ApiTest, TheDocumentOfTheInterfaceIsPartOfIt) {
+  const HttpResponse document = Get("/v1/openapi.json");
+  EXPECT_EQ(document.status, 200);
+  EXPECT_EQ(document.content_type, "application/json");
+  EXPECT_THAT(document.body, HasSubstr("\"/v1/openapi.json\""));
+  EXPECT_EQ(Get("/v1/openapi.json?x=1").status, 400);
+}
+
+TEST_F(ApiTest, AnUnknownAddressTellsThoseThatThereAre) {
+  const HttpResponse answer = Get("/v1/datasets/head/mesh.exe");
+  EXPECT_EQ(answer.status, 404);
+  EXPECT_THAT(answer.body, HasSubstr("/v1/datasets/{name}/mesh.ply"));
+}
+
+TEST_F(ApiTest, APictureIsDrawnOverWhereThatIsAskedFor) {
+  surfaces_.png = image::EncodePng(128, 96, std::vector<image::Rgba8>(std::size_t{128} * 96));
+  surfaces_.camera.mutable_eye()->set_z(9);
+  surfaces_.camera.mutable_target();
+  surfaces_.camera.mutable_up()->set_y(1);
+  surfaces_.camera.mutable_perspective()->set_fov_y_degrees(30);
+  const std::string plain = "/v1/datasets/0123/render?isovalue=1&width=128&height=96";
+  const std::string drawn = absl::StrCat(plain, "&axes&caption=a");
+  const HttpResponse first = Get(plain);
+  const HttpResponse second = Get(drawn);
+  ASSERT_EQ(second.status, 200) << second.body;
+  EXPECT_EQ(first.body, surfaces_.png);
+  EXPECT_NE(second.body, surfaces_.png);
+  EXPECT_NE(HeaderOf(second, "ETag"), HeaderOf(first, "ETag"));
+  EXPECT_EQ(HeaderOf(second, "Cache-Control"), "public, no-cache") << "by id, too";
+  const int count = surfaces_.picture_count;
+  EXPECT_EQ(Get(drawn, HeaderOf(second, "ETag")).status, 304);
+  EXPECT_EQ(surfaces_.picture_count, count);
+  EXPECT_NE(Get(absl::StrCat(plain, "&axes&caption=b")).body, second.body);
+}
+
+TEST_F(ApiTest, APictureThatCantBeDrawnOverIsAnError) {
+  const HttpResponse answer = Get("/v1/datasets/head/render?isovalue=1&width=8&height=8&axes");
+  EXPECT_GE(answer.status, 400) << "the fake's picture is no PNG";
+  EXPECT_THAT(answer.body, HasSubstr("\"code\""));
+  EXPECT_EQ(Get("/v1/datasets/head/render?isovalue=1&width=8&height=8&axes&format=jpeg").status,
+            400);
+  EXPECT_EQ(surfaces_.picture_count, 1) << "the second one was not asked for";
+}
+
 TEST_F(ApiTest, HistogramsAreOfAFieldAndAStep) {
   datasets_.step_count = 3;
   EXPECT_EQ(Get("/v1/datasets/head/histogram?bins=8&field=velocity:x&step=1").body,
@@ -300,7 +350,9 @@ TEST_F(ApiTest, HistogramsAreOfAFieldAndAStep) {
 TEST_F(ApiTest, PlacesForPicturesComeBackHoweverTheyEnd) {
   for (const char* const target :
        {"/v1/datasets/head/render?isovalue=1&width=8&height=8",
-        "/v1/datasets/none/render?isovalue=1", "/v1/datasets/head/render?isovalue=x"}) {
+        "/v1/datasets/none/render?isovalue=1", "/v1/datasets/head/render?isovalue=x",
+        "/v1/datasets/head/render?isovalue=1&width=8&height=8&axes",
+        "/v1/datasets/head/mesh.stl?isovalue=1&color=teal"}) {
     EXPECT_NE(Get(target).status, 429);
     AwaitPlaces();
     ASSERT_EQ(api_->pictures_in_work(), 0) << target;

@@ -27,8 +27,10 @@ class MeshAnswerTest : public ::testing::Test {
   MeshAnswerTest() { setenv("TMPDIR", folder_.path().c_str(), /*replace=*/1); }
   ~MeshAnswerTest() override { unsetenv("TMPDIR"); }
 
-  absl::StatusOr<std::unique_ptr<MeshAnswer>> Begin(std::int64_t max_disk_bytes = 1 << 20) {
-    return MeshAnswer::Begin({client::MeshSurface()}, std::nullopt, "me", max_disk_bytes, &budget_);
+  absl::StatusOr<std::unique_ptr<MeshAnswer>> Begin(
+      std::int64_t max_disk_bytes = 1 << 20, client::MeshFormat format = client::MeshFormat::kGlb) {
+    return MeshAnswer::Begin(format, {client::MeshSurface()}, std::nullopt, "me", max_disk_bytes,
+                             &budget_);
   }
   // A chunk of one triangle.
   static isoscope::v1::ExportIsosurfaceResponse Triangle() {
@@ -91,6 +93,57 @@ TEST_F(MeshAnswerTest, AMeshMayTakeItsShareOfTheDiskAndNoMore) {
   EXPECT_THAT(mesh->Add(Triangle()),
               StatusIs(absl::StatusCode::kResourceExhausted,
                        HasSubstr("84 bytes or more, and the gateway's limit is")));
+}
+
+TEST_F(MeshAnswerTest, EachFormatIsAFileOfItsOwnThatTakesItsShare) {
+  struct Case {
+    client::MeshFormat format;
+    const char* begins;
+    const char* media_type;
+    // Of two triangles: the positions, normals and indices, with what a format repeats.
+    std::int64_t peak_bytes;
+  };
+  for (const Case& c :
+       {Case{client::MeshFormat::kPly, "ply\n", "application/octet-stream",
+             6 * 24 + 2 * 13 + 2 * 13},
+        // The positions stay beside the file, for later triangles.
+        Case{client::MeshFormat::kStl, "isoscope, binary STL", "model/stl", 2 * 50 + 6 * 12},
+        Case{client::MeshFormat::kGlb, "glTF", "model/gltf-binary", 6 * 24 + 2 * 12 + 6 * 12},
+        // Offsets of triangles come last.
+        Case{client::MeshFormat::kVtp, "<?xml", "application/octet-stream",
+             6 * 24 + 2 * 12 + 2 * 8 + 6 * 12}}) {
+    {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<MeshAnswer> small,
+                                    Begin(c.peak_bytes - 1, c.format));
+      ISOSCOPE_EXPECT_OK(small->Add(Triangle()));
+      EXPECT_THAT(small->Add(Triangle()), StatusIs(absl::StatusCode::kResourceExhausted))
+          << c.begins;
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<MeshAnswer> mesh,
+                                  Begin(c.peak_bytes, c.format));
+    ISOSCOPE_EXPECT_OK(mesh->Add(Triangle()));
+    ISOSCOPE_EXPECT_OK(mesh->Add(Triangle()));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const HttpResponse response, mesh->Finish());
+    EXPECT_EQ(response.content_type, c.media_type);
+    std::ifstream file(response.file_path, std::ios::binary);
+    const std::string bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+    EXPECT_EQ(bytes.substr(0, std::string(c.begins).size()), c.begins);
+    RemoveTemporaryFile(response.file_path);
+    EXPECT_FALSE(HasFiles());
+  }
+}
+
+TEST_F(MeshAnswerTest, AnObjIsCountedByItsText) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<MeshAnswer> mesh,
+                                Begin(1 << 10, client::MeshFormat::kObj));
+  absl::Status status;
+  int count = 0;
+  while (status.ok() && count < 100) {
+    status = mesh->Add(Triangle());
+    ++count;
+  }
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted));
+  EXPECT_GT(count, 5) << "a triangle of this mesh takes some 100 bytes of text";
 }
 
 TEST_F(MeshAnswerTest, WithoutAFolderForTemporaryFilesItSaysSo) {

@@ -111,7 +111,7 @@ TEST(PictureAnswerTest, WhoMayKeepAPictureAndForHowLong) {
         Case{true, true, "private, max-age=31536000, immutable"}}) {
     v1::RenderIsosurfaceRequest request;
     const PictureCaching caching =
-        CachingOf(v1::Dataset(), "cpu 1", c.is_by_id, c.is_private, &request);
+        CachingOf(v1::Dataset(), "cpu 1", c.is_by_id, c.is_private, /*extras_key=*/"", &request);
     ASSERT_EQ(caching.headers.size(), 2U);
     EXPECT_EQ(caching.headers[0].first, "ETag");
     EXPECT_EQ(caching.headers[0].second, caching.etag);
@@ -121,22 +121,37 @@ TEST(PictureAnswerTest, WhoMayKeepAPictureAndForHowLong) {
 }
 
 TEST(PictureAnswerTest, PicturesThatMayDifferHaveTagsThatDiffer) {
-  const auto tag_of = [](const char* id, const char* revision, const char* request_text) {
+  const auto tag_of = [](const char* id, const char* revision, const char* request_text,
+                         const char* extras_key = "") {
     auto request = Parse<v1::RenderIsosurfaceRequest>(request_text);
     v1::Dataset dataset;
     dataset.set_dataset_id(id);
-    return CachingOf(dataset, revision, true, false, &request).etag;
+    return CachingOf(dataset, revision, true, false, extras_key, &request).etag;
   };
   const std::string tag = tag_of("a", "cpu 1", "isovalue: 1");
   EXPECT_EQ(tag_of("a", "cpu 1", "isovalue: 1"), tag);
   EXPECT_NE(tag_of("b", "cpu 1", "isovalue: 1"), tag);
   EXPECT_NE(tag_of("a", "cpu 2", "isovalue: 1"), tag);
   EXPECT_NE(tag_of("a", "cpu 1", "isovalue: 2"), tag);
+  EXPECT_NE(tag_of("a", "cpu 1", "isovalue: 1", "axes"), tag);
+  EXPECT_NE(tag_of("a", "cpu 1", "isovalue: 1", "axes"),
+            tag_of("a", "cpu 1", "isovalue: 1", "legend"));
+}
+
+// Its text shows names and units, which may change, in a font of the gateway's machine.
+TEST(PictureAnswerTest, APictureThatTheGatewayDrewOverIsNotImmutable) {
+  v1::RenderIsosurfaceRequest request;
+  v1::Dataset dataset;
+  const PictureCaching caching = CachingOf(dataset, "cpu 1", true, false, "axes", &request);
+  EXPECT_EQ(caching.headers[1].second, "public, no-cache");
+  dataset.set_length_unit("mm");
+  EXPECT_NE(CachingOf(dataset, "cpu 1", true, false, "axes", &request).etag, caching.etag);
 }
 
 TEST(PictureAnswerTest, AnApproximatePictureIsNotCached) {
   auto request = Parse<v1::RenderIsosurfaceRequest>("culling: CULLING_MASK");
-  const PictureCaching caching = CachingOf(v1::Dataset(), "cpu 1", true, false, &request);
+  const PictureCaching caching =
+      CachingOf(v1::Dataset(), "cpu 1", true, false, /*extras_key=*/"", &request);
   EXPECT_EQ(caching.etag, "");
   EXPECT_EQ(caching.headers,
             (std::vector<std::pair<std::string, std::string>>{{"Cache-Control", "no-store"}}));
@@ -145,7 +160,7 @@ TEST(PictureAnswerTest, AnApproximatePictureIsNotCached) {
 // Nobody knows then whether a later picture has the same pixels.
 TEST(PictureAnswerTest, APictureOfUnknownCodeIsNotCached) {
   v1::RenderIsosurfaceRequest request;
-  EXPECT_EQ(CachingOf(v1::Dataset(), "", true, false, &request).etag, "");
+  EXPECT_EQ(CachingOf(v1::Dataset(), "", true, false, /*extras_key=*/"", &request).etag, "");
 }
 
 }  // namespace

@@ -41,10 +41,20 @@ v1::Dataset MakeSeries() {
   return dataset;
 }
 
-absl::StatusOr<v1::RenderIsosurfaceRequest> Parse(const std::string& query) {
+// The request of a query.
+absl::StatusOr<v1::RenderIsosurfaceRequest> ParseFor(const std::string& query,
+                                                     const v1::Dataset& dataset) {
   const absl::StatusOr<Target> target = ParseTarget(absl::StrCat("/?", query));
   EXPECT_THAT(target, IsOk());
-  return RenderRequestFromQuery(target->query, MakeDataset());
+  absl::StatusOr<PictureQuery> picture = PictureQueryFromQuery(target->query, dataset);
+  if (!picture.ok()) {
+    return picture.status();
+  }
+  return std::move(picture->request);
+}
+
+absl::StatusOr<v1::RenderIsosurfaceRequest> Parse(const std::string& query) {
+  return ParseFor(query, MakeDataset());
 }
 
 TEST(RenderQueryTest, ParametersAreTheFlagsOfTheCommandLine) {
@@ -114,7 +124,7 @@ v1::Dataset MakeSegmentation() {
 }
 
 absl::StatusOr<v1::RenderIsosurfaceRequest> ParseLabels(const std::string& query) {
-  return RenderRequestFromQuery(ParseTarget(absl::StrCat("/?", query))->query, MakeSegmentation());
+  return ParseFor(query, MakeSegmentation());
 }
 
 TEST(RenderQueryTest, LabelsAreSurfacesByTheNamesOfTheDataset) {
@@ -151,8 +161,7 @@ TEST(RenderQueryTest, WrongLabelsAreNamedInTheWordsOfAnAddress) {
 
 TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {
   const auto parse = [](const std::string& query) {
-    return RenderRequestFromQuery(ParseTarget(absl::StrCat("/?isovalue=1&", query))->query,
-                                  MakeSeries());
+    return ParseFor(absl::StrCat("isovalue=1&", query), MakeSeries());
   };
   const auto frame = parse("field=velocity:x&time=0.25&color_by=temperature:magma:1,2");
   ASSERT_THAT(frame, IsOk());
@@ -170,15 +179,47 @@ TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {
   EXPECT_FALSE(frame->has_nan_color());
 }
 
-TEST(RenderQueryTest, TheSelectionOfAHistogramIsTakenOutOfItsParameters) {
-  QueryParameters query = {{"bins", "8"}, {"field", "velocity"}, {"step", "3"}, {"x", "1"}};
-  const auto selection = TakeSelection(&query);
-  ASSERT_THAT(selection, IsOk());
-  EXPECT_EQ((*selection)->ShortDebugString(), "field: \"velocity\" time_step: 3");
-  EXPECT_EQ(query, (QueryParameters{{"bins", "8"}, {"x", "1"}}));
-  EXPECT_FALSE(TakeSelection(&query)->has_value());
-  query = {{"time", "1"}, {"step", "3"}};
-  EXPECT_THAT(TakeSelection(&query).status(), StatusIs(absl::StatusCode::kInvalidArgument));
+TEST(RenderQueryTest, AHistogramHasBinsAndASelection) {
+  const auto request = HistogramRequestFromQuery(
+      {{"bins", "8"}, {"field", "velocity"}, {"step", "3"}}, MakeSeries());
+  ASSERT_THAT(request, IsOk());
+  EXPECT_EQ(request->ShortDebugString(),
+            "dataset: \"head\" max_bin_count: 8 selection { field: \"velocity\" time_step: 3 }");
+  const auto plain = HistogramRequestFromQuery({}, MakeDataset());
+  ASSERT_THAT(plain, IsOk());
+  EXPECT_FALSE(plain->has_selection());
+  for (const QueryParameters& wrong :
+       {QueryParameters{{"bins", "0"}}, QueryParameters{{"bins", "4097"}},
+        QueryParameters{{"bins", "x"}}, QueryParameters{{"isovalue", "1"}},
+        QueryParameters{{"time", "1"}, {"step", "3"}}}) {
+    EXPECT_THAT(HistogramRequestFromQuery(wrong, MakeSeries()).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(wrong[0].first)));
+  }
+}
+
+TEST(RenderQueryTest, SwitchesNeedNoValue) {
+  const auto extras_of = [](const std::string& query) {
+    return PictureQueryFromQuery(ParseTarget(absl::StrCat("/?isovalue=1&", query))->query,
+                                 MakeDataset());
+  };
+  const auto drawn = extras_of("axes&scale_bar=true&legend=false&caption=a+b&record=");
+  ASSERT_THAT(drawn, IsOk());
+  EXPECT_TRUE(drawn->extras.annotations.has_axes);
+  EXPECT_TRUE(drawn->extras.annotations.has_scale_bar);
+  EXPECT_FALSE(drawn->extras.annotations.has_legend);
+  EXPECT_EQ(drawn->extras.annotations.caption, "a b");
+  EXPECT_TRUE(drawn->extras.has_record);
+  EXPECT_FALSE(extras_of("")->extras.any());
+  EXPECT_THAT(extras_of("caption=").status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("caption has no value")));
+  EXPECT_THAT(extras_of("axes=perhaps").status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("axes")));
+}
+
+TEST(RenderQueryTest, APostedRequestHasTheExtrasAlone) {
+  EXPECT_TRUE(ExtrasFromQuery({{"axes", ""}})->annotations.has_axes);
+  EXPECT_THAT(ExtrasFromQuery({{"width", "8"}}).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no parameter 'width'")));
 }
 
 TEST(RenderQueryTest, DepthIsAPlaneWithoutAPicture) {
@@ -250,20 +291,21 @@ TEST(RenderQueryTest, NoParameterReadsOrWritesAFileOfTheGateway) {
 }
 
 TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
+  constexpr client::MeshFormat kGlb = client::MeshFormat::kGlb;
   const absl::StatusOr<MeshQuery> one =
-      MeshQueryFromQuery({{"isovalue", "60"}, {"clip_box", "0,1,0,1,0,1"}}, MakeDataset());
+      MeshQueryFromQuery(kGlb, {{"isovalue", "60"}, {"clip_box", "0,1,0,1,0,1"}}, MakeDataset());
   ASSERT_THAT(one, IsOk());
   EXPECT_EQ(one->request.dataset(), "head");
   EXPECT_EQ(one->request.isovalue(), 60);
   EXPECT_TRUE(one->request.clip().has_box());
   ASSERT_EQ(one->surfaces.size(), 1U);
   const absl::StatusOr<MeshQuery> two =
-      MeshQueryFromQuery({{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
+      MeshQueryFromQuery(kGlb, {{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
   ASSERT_THAT(two, IsOk());
   EXPECT_EQ(two->request.surfaces_size(), 2);
   EXPECT_EQ(two->surfaces[0].color->alpha, 1);
-  const absl::StatusOr<MeshQuery> step_query =
-      MeshQueryFromQuery({{"isovalue", "1"}, {"field", "velocity:z"}, {"step", "2"}}, MakeSeries());
+  const absl::StatusOr<MeshQuery> step_query = MeshQueryFromQuery(
+      kGlb, {{"isovalue", "1"}, {"field", "velocity:z"}, {"step", "2"}}, MakeSeries());
   ASSERT_THAT(step_query, IsOk());
   EXPECT_EQ(step_query->request.selection().ShortDebugString(),
             "field: \"velocity:z\" time_step: 2");
@@ -271,9 +313,22 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
        {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"time", "2"}, {"step", "2"}},
         QueryParameters{{"isovalue", "1"}, {"surface", "2"}},
         QueryParameters{{"isovalue", "1"}, {"width", "2"}}}) {
-    EXPECT_THAT(MeshQueryFromQuery(wrong, MakeDataset()).status(),
+    EXPECT_THAT(MeshQueryFromQuery(kGlb, wrong, MakeDataset()).status(),
                 StatusIs(absl::StatusCode::kInvalidArgument));
   }
+}
+
+TEST(RenderQueryTest, AnStlHasNoColorsAndLabelsDoNotBringTheirs) {
+  constexpr client::MeshFormat kStl = client::MeshFormat::kStl;
+  const absl::StatusOr<MeshQuery> labels =
+      MeshQueryFromQuery(kStl, {{"label", "1"}}, MakeSegmentation());
+  ASSERT_THAT(labels, IsOk());
+  EXPECT_FALSE(labels->surfaces[0].color.has_value());
+  EXPECT_TRUE(MeshQueryFromQuery(client::MeshFormat::kPly, {{"label", "1"}}, MakeSegmentation())
+                  ->surfaces[0]
+                  .color.has_value());
+  EXPECT_THAT(MeshQueryFromQuery(kStl, {{"isovalue", "1"}, {"color", "teal"}}, MakeDataset()),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("STL")));
 }
 
 }  // namespace

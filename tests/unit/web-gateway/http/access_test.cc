@@ -167,7 +167,9 @@ TEST(AccessTest, LoopbackAddresses) {
 
 TEST(AccessTest, OriginsOfTheOption) {
   EXPECT_EQ(ParseOrigin("https://Hub.Example.org").value(), "https://hub.example.org");
-  for (const char* text : {"", "*", "hub", "https://", "https://hub/", "ftp://hub", "http://u@h"}) {
+  for (const char* text :
+       {"", "*", "hub", "https://", "https://hub/", "ftp://hub", "http://u@h", "https://*",
+        "https://*.hub.org", "https://hub;script-src *", "https://hub'", "https://hub\r\nx"}) {
     EXPECT_THAT(ParseOrigin(text).status(),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("https://HOST")))
         << text;

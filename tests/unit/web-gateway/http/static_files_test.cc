@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -17,7 +18,8 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 HttpResponse Get(const std::vector<std::string>& segments, const std::string& if_none_match = "") {
-  return ServeStaticFile({.target = {.segments = segments}, .if_none_match = if_none_match});
+  return ServeStaticFile({.target = {.segments = segments}, .if_none_match = if_none_match},
+                         PagePolicy(/*framing_origins=*/{}));
 }
 
 TEST(StaticFilesTest, TheRootIsThePage) {
@@ -61,6 +63,14 @@ TEST(StaticFilesTest, NothingInlineMayRun) {
   EXPECT_THAT(policy, HasSubstr("script-src 'self';"));
   EXPECT_THAT(policy, HasSubstr("worker-src 'self' blob:"));
   EXPECT_THAT(policy, Not(HasSubstr("unsafe")));
+}
+
+TEST(StaticFilesTest, OnlyThePagesOfNamedOriginsMayFrameIt) {
+  EXPECT_TRUE(absl::EndsWith(PagePolicy({}), "; frame-ancestors 'self'"));
+  const std::string policy = PagePolicy({"https://hub.org", "http://localhost:8888"});
+  EXPECT_TRUE(
+      absl::EndsWith(policy, "; frame-ancestors 'self' https://hub.org http://localhost:8888"));
+  EXPECT_EQ(HeaderOf(ServeStaticFile({}, policy), "Content-Security-Policy"), policy);
 }
 
 TEST(StaticFilesTest, AFileThatTheBrowserHasIsNotSentAgain) {

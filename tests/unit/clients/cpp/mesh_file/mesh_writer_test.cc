@@ -7,6 +7,7 @@
 #include <cstring>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -568,6 +569,29 @@ TEST(MeshWriterTest, SuffixAndFlagDecideTheFormatTogether) {
   EXPECT_TRUE(absl::IsInvalidArgument(MeshFormatOf("a.mesh", std::nullopt).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(MeshFormatOf("a.stl", MeshFormat::kPly).status()));
   EXPECT_THAT(std::string(ParseMeshFormat("fbx").status().message()), HasSubstr("ply, stl, obj"));
+}
+
+// A limit on the disk holds only if no format takes more than it told before its end.
+TEST(MeshWriterTest, EachFormatTellsTheDiskThatItTakes) {
+  constexpr std::int64_t kMaxHeaderBytes = 8192;
+  for (const MeshFormat format : kMeshFormats) {
+    for (const bool is_far : {false, true}) {
+      const TempDir folder;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const std::unique_ptr<MeshWriter> writer,
+          MeshWriter::Create({.path = folder.Sub("mesh"), .format = format}));
+      MeshPiece piece = MakeSphere(4, {0, 0, 0}, 10);
+      if (is_far) {
+        piece.origin = math::Vec3d{1e7, 0, 0};
+      }
+      ISOSCOPE_ASSERT_OK(writer->Add(piece));
+      const DiskUse use = writer->disk_use();
+      EXPECT_GE(use.peak_bytes, use.file_bytes) << NameOf(format);
+      ISOSCOPE_ASSERT_OK(writer->Finish());
+      EXPECT_LE(use.file_bytes, writer->size_bytes()) << NameOf(format);
+      EXPECT_GE(use.file_bytes + kMaxHeaderBytes, writer->size_bytes()) << NameOf(format);
+    }
+  }
 }
 
 }  // namespace

@@ -24,6 +24,8 @@ TEST(SectionedFileTest, SectionsThatGrowTogetherLieOneBehindTheOther) {
   }
   EXPECT_EQ(file->section_bytes(0), 3);
   EXPECT_EQ(file->section_bytes(1), 6);
+  EXPECT_EQ(file->disk_use().file_bytes, 12);
+  EXPECT_EQ(file->disk_use().peak_bytes, 18) << "the largest later section is there twice";
   EXPECT_FALSE(io::PathExists(path));
   ISOSCOPE_ASSERT_OK(file->Finish("head", {"<1>"}, "tail"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 100));

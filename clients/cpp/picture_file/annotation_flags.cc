@@ -1,13 +1,13 @@
-#include "client-cli/output/annotation_flags.h"
+#include "clients/cpp/picture_file/annotation_flags.h"
 
 #include <string>
 
 #include "core/cli/flag_set.h"
 #include "core/cli/flags.h"
 
-namespace isoscope::cli {
+namespace isoscope::client {
 
-void AddAnnotationFlags(FlagSet* set, client::Annotations* flags) {
+void AddAnnotationFlags(cli::FlagSet* set, Annotations* flags) {
   const std::string group = "Annotations (drawn over the picture)";
   set->AddSwitch("--axes", &flags->has_axes,
                  "orientation axes in the bottom left corner: X, Y, Z, or the sides of the patient "
@@ -21,11 +21,11 @@ void AddAnnotationFlags(FlagSet* set, client::Annotations* flags) {
                  "the colour maps of --color-by and --caps MAP with their ranges, at the right "
                  "side; with a swatch where the picture shows missing values (NaN)")
       .Group(group);
-  AddFlag(
-      set, "--caption", "TEXT", &flags->caption, ParseText,
+  cli::AddFlag(
+      set, "--caption", "TEXT", &flags->caption, cli::ParseText,
       "text in the top left corner; {isovalue} and {time} become the frame's (of a sweep of steps "
       "{time} is the default), \\n begins a line")
       .Group(group);
 }
 
-}  // namespace isoscope::cli
+}  // namespace isoscope::client

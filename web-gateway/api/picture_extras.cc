@@ -1,0 +1,111 @@
+#include "web-gateway/api/picture_extras.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+#include "clients/cpp/connection/annotated_picture.h"
+#include "clients/cpp/picture_file/annotation_flags.h"
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+bool IsPng(const v1::RenderIsosurfaceRequest& request) {
+  return request.output().image_format() == v1::OutputOptions::IMAGE_FORMAT_UNSPECIFIED ||
+         request.output().image_format() == v1::OutputOptions::IMAGE_FORMAT_PNG;
+}
+
+// A size that is wrong is the coordinator's to refuse.
+std::int64_t PixelsOf(const v1::RenderIsosurfaceRequest& request) {
+  const bool is_part = request.has_region();
+  const std::int64_t width = is_part ? request.region().width_px() : request.viewport().width_px();
+  const std::int64_t height =
+      is_part ? request.region().height_px() : request.viewport().height_px();
+  return std::max<std::int64_t>(width, 0) * std::max<std::int64_t>(height, 0);
+}
+
+bool ShowsQuantity(const v1::RenderIsosurfaceRequest& request) {
+  return (request.has_caps() && request.caps().color_map() != v1::COLOR_MAP_UNSPECIFIED) ||
+         std::any_of(request.surfaces().begin(), request.surfaces().end(),
+                     [](const v1::Surface& surface) { return surface.has_color_by(); });
+}
+
+}  // namespace
+
+void AddExtrasFlags(cli::FlagSet* set, PictureExtras* extras) {
+  client::AddAnnotationFlags(set, &extras->annotations);
+  set->AddSwitch("--record", &extras->has_record,
+                 "write into the PNG how it was made: `isoscope render --like` makes it again");
+}
+
+absl::Status CheckExtras(const PictureExtras& extras, const v1::RenderIsosurfaceRequest& request,
+                         const std::string& picture_revision) {
+  if (!extras.any()) {
+    return absl::OkStatus();
+  }
+  if (!IsPng(request)) {
+    return absl::InvalidArgumentError(
+        "axes, scale-bar, legend, caption and record are of a PNG: leave them or the format out");
+  }
+  const std::int64_t pixels = PixelsOf(request);
+  if (extras.annotations.any() && pixels > kMaxAnnotatedPixels) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the picture has ", pixels,
+                     " pixels: axes, scale-bar, legend and caption are "
+                     "drawn on at most ",
+                     kMaxAnnotatedPixels));
+  }
+  if (extras.annotations.has_legend && !ShowsQuantity(request)) {
+    return absl::InvalidArgumentError(
+        "legend shows what the colours of color-by and of caps=MAP mean: give one of them");
+  }
+  if (extras.has_record && request.culling() == v1::CULLING_MASK) {
+    return absl::InvalidArgumentError(
+        "record can't be used with culling=mask: it is approximate, and can't be made again");
+  }
+  if (extras.has_record && picture_revision.empty()) {
+    return absl::FailedPreconditionError(
+        "the agents are of several versions, or tell none, so that no record can say what drew the "
+        "picture: leave record out");
+  }
+  return absl::OkStatus();
+}
+
+std::string KeyOf(const PictureExtras& extras) {
+  if (!extras.any()) {
+    return "";
+  }
+  const client::Annotations& drawn = extras.annotations;
+  // Another version may draw otherwise. The caption is last, because it may hold any text.
+  return absl::StrCat("extras of ", base::Version(), drawn.has_axes ? " axes" : "",
+                      drawn.has_scale_bar ? " scale-bar" : "", drawn.has_legend ? " legend" : "",
+                      extras.has_record ? " record" : "", drawn.caption ? " caption " : "",
+                      drawn.caption.value_or(""));
+}
+
+absl::Status AddExtras(const PictureExtras& extras, const v1::RenderIsosurfaceRequest& request,
+                       const v1::Dataset& dataset, const std::string& picture_revision,
+                       v1::RenderIsosurfaceResponse* response) {
+  std::optional<client::AnnotatedPicture> annotated;
+  if (extras.annotations.any()) {
+    std::string png = std::move(*response->mutable_png());
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        annotated, client::AnnotatePng(extras.annotations, request, *response, dataset, &png));
+    response->set_png(std::move(png));
+  }
+  if (extras.has_record) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::string png,
+                              client::RecordPng(response->png(), request, *response, dataset,
+                                                picture_revision, std::move(annotated)));
+    response->set_png(std::move(png));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::gateway
