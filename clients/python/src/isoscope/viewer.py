@@ -45,6 +45,8 @@ __all__ = ["View"]
 
 # What the page has beside and above the picture, CSS pixels: page.css.
 _PANEL_WIDTH, _BAR_HEIGHT = 328, 48
+# Below this the page is that of a phone.
+_LEAST_WIDTH, _LEAST_HEIGHT = 780, 440
 # Where pictures have none of their own.
 _BLACK = {"red": 0, "green": 0, "blue": 0, "alpha": 1}
 
@@ -227,7 +229,8 @@ class View:
         The gateway's own module makes the page's address of the state. The page that shows the cell gets the module
         only if it is of an origin that the gateway knows: so both is tried before the picture goes.
         """
-        width, height = self.size
+        width = max(self.size[0] + _PANEL_WIDTH, _LEAST_WIDTH)
+        height = max(self.size[1] + _BAR_HEIGHT, _LEAST_HEIGHT)
         state = self._state()
         state.setdefault("backgroundColor", _BLACK)
         if not state.get("surfaces"):
@@ -257,8 +260,7 @@ class View:
             f"frame.src = base.href + '?theme=' + theme + {_script_json('&' + query if query else '')} + '#' + words;\n"
             f"frame.title = {_script_json(self._title())};\n"
             f"frame.allow = 'clipboard-write; fullscreen';\n"
-            f"frame.style.cssText = 'display:block;border:0;max-width:100%;width:{width + _PANEL_WIDTH}px;"
-            f"height:{height + _BAR_HEIGHT}px';\n"
+            f"frame.style.cssText = 'display:block;border:0;max-width:100%;width:{width}px;height:{height}px';\n"
             f"root.replaceChildren(frame);\n"
             f"}})();</script>"
         )
