@@ -65,7 +65,7 @@ def token_in(script):
 
 def test_the_first_view_starts_a_gateway_whose_page_the_cell_shows(client, dataset):
     view = dataset.view(127.5, size=(800, 600), origin=HERE)
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", view.gateway) and "the page of http" in repr(view)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", view.gateway) and "the gateway's page" in repr(view)
     script = script_of(view)
     assert "iframe" in script and "width:1128px;height:648px" in script
     # A smaller one would be the page of a phone.

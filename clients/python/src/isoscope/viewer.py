@@ -172,7 +172,7 @@ class View:
 
     def _how(self) -> str:
         if self._gateway.shows_page:
-            return f"the page of {self.gateway}"
+            return "the gateway's page"
         if _viewer_module.text() is None:
             return f"the exact picture: this package was built without {_viewer_module.NAME}"
         if self.widget is not None:
