@@ -166,16 +166,15 @@ def test_a_copy_of_the_folder_alone_is_installed_and_works(tmp_path):
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build", "dist"))
     (tmp_path / "other" / "scripts").mkdir()
     (tmp_path / "other" / "scripts" / "version.sh").write_text("echo 6.6.6\n")
-    environment = {
-        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "ISOSCOPE_VERSION")
-    }
+    environment = {name: value for name, value in os.environ.items() if name != "ISOSCOPE_VERSION"}
+    others = [part for part in environment.pop("PYTHONPATH").split(os.pathsep) if part != str(PACKAGE / "src")]
     flags = ["--disable-pip-version-check", "--no-index", "--no-deps", "--no-build-isolation", "--quiet"]
     install = [sys.executable, "-m", "pip", "install", *flags, "--target", tmp_path / "installed", copy]
     done = subprocess.run(install, env=environment, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     code = "import isoscope; print(isoscope.__version__, isoscope.__file__)"
     for path, folder in (("installed", "installed/isoscope"), ("other/vendored/isoscope/src",) * 2):
-        found = {**environment, "PYTHONPATH": str(tmp_path / path)}
+        found = {**environment, "PYTHONPATH": os.pathsep.join([str(tmp_path / path), *others])}
         done = subprocess.run([sys.executable, "-c", code], env=found, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         version, file = done.stdout.split()

@@ -123,7 +123,8 @@ class Mesh:
         """Colour of each triangle, that of its surface: uint8, shape (m, 4), sRGB with alpha."""
         colors = [*self.surface_colors, *[CLAY] * (len(self.isovalues) - len(self.surface_colors))]
         table = np.rint(np.clip(np.asarray(colors, np.float64).reshape(-1, 4), 0, 1) * 255).astype(np.uint8)
-        return table[self.triangle_surface]
+        found: npt.NDArray[np.uint8] = table[self.triangle_surface]
+        return found
 
     def to_pyvista(self) -> Any:
         """Returns a pyvista.PolyData: point normals "Normals"; "surface" and colours "colors" of its cells.

@@ -38,7 +38,7 @@ def as_array(value: Any, name: str) -> AnyArray:
             )
         return value
     if isinstance(value, np.ma.MaskedArray):
-        count = int(np.count_nonzero(np.ma.getmaskarray(value)))
+        count = int(np.count_nonzero(value.mask))
         if count:
             raise InvalidArgumentError(
                 f"{name} has {count} masked samples: say what they are, as NaN for holes, "
