@@ -13,6 +13,7 @@ import urllib.request
 import pytest
 
 import isoscope
+import skips
 from conftest import ROOT
 from isoscope import viewer
 from isoscope._serving import notebook_origins as origins
@@ -96,12 +97,15 @@ def test_the_cell_and_the_command_lines_tell_no_token_of_the_server(client, data
         assert path.stat().st_mode & 0o777 == 0o600, path
 
 
-def test_the_pages_address_is_the_view_in_the_words_of_the_page(dataset, tmp_path):
+def test_the_pages_address_is_the_view_in_the_words_of_the_page(dataset):
     if not shutil.which("node"):
-        pytest.skip("no node")
+        skips.skip("node", "no node to run the cell's script with")
     surfaces = [isoscope.Surface(127.5, color="tan", opacity=0.4), isoscope.Surface(60, color_by="z:turbo")]
-    view = dataset.view(surfaces=surfaces, view="top", clip=isoscope.Clip(planes=[(1, 0, 0, 10)]), size=(64, 48), origin=HERE)
-    script = script_of(view).replace("new URL('view-state.js', base).href", json.dumps((ROOT / "clients/web/view-state.js").as_uri()))
+    clip = isoscope.Clip(planes=[(1, 0, 0, 10)])
+    view = dataset.view(surfaces=surfaces, view="top", clip=clip, size=(64, 48), origin=HERE)
+    module = json.dumps((ROOT / "clients" / "web" / "view-state.js").as_uri())
+    script = script_of(view).replace("new URL('view-state.js', base).href", module)
+    assert module in script
     stub = """
         const note = {}, root = {querySelector: () => note, replaceChildren: (frame) => {
           const {stateFromHash} = modules;
@@ -113,7 +117,7 @@ def test_the_pages_address_is_the_view_in_the_words_of_the_page(dataset, tmp_pat
         globalThis.location = {origin: 'http://localhost:8888'};
         globalThis.document = {baseURI: 'http://localhost:8888/notebooks/a.ipynb', body: {dataset: {jpThemeLight: 'false'}},
           getElementById: () => root, createElement: () => ({style: {}})};
-    """.replace("PATH", json.dumps((ROOT / "clients/web/view-state.js").as_uri()))
+    """.replace("PATH", module)
     done = subprocess.run(["node", "--input-type=module", "-"], input=stub + script, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
@@ -150,7 +154,8 @@ def test_a_gateway_that_died_is_started_again_and_none_outlives_its_client(folde
 
         def gateways():
             keepers = {pid for pid, _ in children_of(os.getpid())} - before
-            return [pid for keeper in keepers for pid, args in children_of(keeper) if "isoscope-gateway" in args and "sh -c" not in args]
+            found = [one for keeper in keepers for one in children_of(keeper)]
+            return [pid for pid, args in found if "isoscope-gateway" in args and "sh -c" not in args]
 
         (pid,) = gateways()
         os.kill(pid, 9)
@@ -184,8 +189,10 @@ def test_without_the_program_the_cell_is_the_picture_and_says_why(folder, progra
 def test_a_gateway_without_frames_serves_the_module(folder, programs, tmp_path, monkeypatch):
     """A gateway of a version before --allow-framing."""
     for name in ("isoscope", "isoscope-gateway"):
-        refuses = 'case "$*" in *--allow-framing*) echo "unknown option --allow-framing" >&2; exit 2;; esac\n'
-        (tmp_path / name).write_text(f'#!/bin/sh\n{refuses if name != "isoscope" else ""}exec "{programs / name}" "$@"\n')
+        said = "The following arguments were not expected: --allow-framing\\nRun with --help for more information."
+        refuses = f'case "$*" in *--allow-framing*) printf "{said}\\n" >&2; exit 2;; esac\n'
+        first = refuses if name != "isoscope" else ""
+        (tmp_path / name).write_text(f'#!/bin/sh\n{first}exec "{programs / name}" "$@"\n')
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("ISOSCOPE_BIN", str(tmp_path))
     with isoscope.serve(folder, renderer="cpu", threads=1) as client:

@@ -47,7 +47,8 @@ class Tensor:
     "source, words",
     [
         ([[[1, 2], [3, 4]]], "source is a list: .*numpy.asarray"), ((1, 2), "source is a tuple: .*numpy.asarray"),
-        (Tensor(), "source is a test_sources.Tensor: .*numpy.asarray"), (None, "source is a NoneType"), (7, "source is a int"),
+        (Tensor(), "source is a test_sources.Tensor: .*numpy.asarray"),
+        (None, "source is a NoneType"), (7, "source is a int"),
         (b"head.nii", "source is a bytes"),
     ],
 )  # fmt: skip
@@ -106,7 +107,9 @@ def test_a_chunk_of_dask_is_computed_once(dask_array, monkeypatch, tmp_path):
         counts[place] += 1
         return np.full((1, 2, 3), sum(place), np.int16)
 
-    array = dask_array.map_blocks(block, chunks=((1, 1), (2, 2, 2), (3, 3)), dtype=np.int16, meta=np.zeros((0, 0, 0), np.int16))
+    array = dask_array.map_blocks(
+        block, chunks=((1, 1), (2, 2, 2), (3, 3)), dtype=np.int16, meta=np.zeros((0, 0, 0), np.int16)
+    )
     with open(tmp_path / "samples", "wb") as file:
         samples.write_samples(file, array, np.dtype("<i2"))
     assert counts and set(counts.values()) == {1}
@@ -157,7 +160,7 @@ def ramp(xarray, dims, coordinates, along, **more):
         np.asarray(coordinates[along], np.float32).reshape([-1 if dim == along else 1 for dim in dims]),
         [len(coordinates[dim]) for dim in dims],
     )
-    return xarray.DataArray(np.array(values), dims=dims, coords={k: (k, *v) if isinstance(v, tuple) else v for k, v in coordinates.items()}, **more)
+    return xarray.DataArray(np.array(values), dims=dims, coords=coordinates, **more)
 
 
 X, Y, Z = np.arange(10.0, 18, 2), np.array([5.0, 4.5, 4, 3.5, 3]), np.arange(100.0, 106)
@@ -242,14 +245,20 @@ def test_dimensions_that_nothing_explains_are_named_and_can_be_told(programs, xa
 
 def test_variables_of_another_grid_are_told(programs, xarray):
     zeros = np.zeros((4, 4, 4), np.float32)
-    source = xarray.Dataset({"u": (("z", "y", "x"), zeros), "v": (("z", "y", "x"), zeros), "w": (("zw", "y", "x"), zeros[:3])})
+    on_grid = (("z", "y", "x"), zeros)
+    source = xarray.Dataset({"u": on_grid, "v": on_grid, "w": (("zw", "y", "x"), zeros[:3])})
     with pytest.warns(UserWarning, match="not served: 'w', of another grid than 'u', 'v'"):
         client = isoscope.serve(source)
     with client:
         assert [field.name for field in client.dataset().fields] == ["u", "v"]
+    with pytest.warns(UserWarning, match="'w'"):
+        isoscope.serve(source[["u", "w"]]).close()
 
 
-@pytest.mark.parametrize("dtype", ["bool", "uint8", "int8", "uint16", "int16", "uint32", "int32", "int64", "float16", "float32", "float64"])
+TYPES = ("bool", "uint8", "int8", "uint16", "int16", "uint32", "int32", "int64", "float16", "float32", "float64")
+
+
+@pytest.mark.parametrize("dtype", TYPES)
 def test_types_keep_their_values(programs, xarray, dtype):
     values = (np.arange(64) % 2 if dtype == "bool" else np.arange(64) - (20 if dtype[0] in "if" else 0)).reshape(4, 4, 4)
     with isoscope.serve(xarray.DataArray(values.astype(dtype), dims=("z", "y", "x"))) as client:

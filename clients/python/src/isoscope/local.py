@@ -169,15 +169,19 @@ def _warn_of_missing(client: Client, fields: Sequence[str]) -> None:
     """Warns of variables of a source that are not served: those of another grid."""
     if len(fields) < 2:
         return
-    dataset = client.dataset()
-    served = {one.name for one in dataset.fields} or {*fields[:1]}
+    served = {one.name for one in client.dataset().fields}
     missing = [one for one in fields if one not in served]
-    if missing:
-        warnings.warn(
-            f"not served: {', '.join(map(repr, missing))}, of another grid than {', '.join(map(repr, sorted(served)))}; "
-            "serve them by themselves, serve(dataset['NAME'])",
-            stacklevel=3,
-        )
+    if not missing:
+        return
+    if served:
+        said = f"not served: {_quoted(missing)}, of another grid than {_quoted(sorted(served))}"
+    else:
+        said = f"only one of {_quoted(fields)} is served: their grids differ"
+    warnings.warn(f"{said}; serve them by themselves, serve(dataset['NAME'])", stacklevel=3)
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(map(repr, names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +301,9 @@ def _file_of_arrays(source: Any, server: _Server, wanted: _Wanted) -> _Source:
         return _Source(str(path), is_own=True, fields=fields)
     given = wanted.given("axes", "resample")
     if given:
-        raise InvalidArgumentError(f"{', '.join(given)}: for xarray and for files; an array is array[z, y, x], with even steps")
+        raise InvalidArgumentError(
+            f"{', '.join(given)}: for xarray and for files; an array is array[z, y, x], with even steps"
+        )
     is_series = bool(wanted.given("times", "vectors") or wanted.units or wanted.time_unit or wanted.length_unit)
     if isinstance(source, Mapping) or source.ndim > 3 or is_series:
         series = _series_files.as_series(

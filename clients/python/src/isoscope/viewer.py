@@ -291,7 +291,7 @@ class View:
             name = _viewer_module.NAME
             return f"The exact picture. This package was built without {name}: build the wheel from a checkout."
         if self._gateway.problem:
-            return f"The exact picture. No web gateway could be started for the surface under the mouse: {self._gateway.problem}"
+            return f"The exact picture. For the surface under the mouse no web gateway started: {self._gateway.problem}"
         return (
             "The exact picture. For the surface under the mouse, start the web gateway: "
             f"'isoscope-gateway --server {self._server_flags()} --allow-origin ORIGIN', with the origin of this "

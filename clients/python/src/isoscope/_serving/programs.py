@@ -69,8 +69,8 @@ def _can_run(path: str) -> bool:
 
 
 def last_line(text: str) -> str:
-    """Returns the last line that says something: the programs' errors are one sentence."""
-    lines = [line for line in text.splitlines() if line.strip()]
+    """Returns the last line that says something: the programs' errors are one sentence, with a hint to --help."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("Run with --help")]
     return printable(lines[-1].strip()) if lines else "it said nothing"
 
 
