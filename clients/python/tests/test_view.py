@@ -191,7 +191,7 @@ def test_with_anywidget_the_browsers_state_is_the_views(dataset, anywidget):
 
 def test_a_view_of_nothing_warns_and_names_the_range(dataset):
     view = dataset.view(1e6, size=(32, 32))
-    with pytest.warns(isoscope.SurfaceWarning, match="isovalue 1e\\+06 has no surface: .*are in"):
+    with pytest.warns(isoscope.SurfaceWarning, match="isovalue 1000000 has no surface: .*are in"):
         view._repr_mimebundle_()
 
 
