@@ -34,7 +34,10 @@ def imported_names(node):
 def python_imports(root):
     """{file: files that it imports} of the package."""
     package = root / PYTHON_PACKAGE
-    files = {path.stem: path.relative_to(root).as_posix() for path in package.glob("*.py")}
+    files = {
+        ".".join(path.relative_to(package).with_suffix("").parts): path.relative_to(root).as_posix()
+        for path in package.rglob("*.py")
+    }
     graph = {}
     for file in files.values():
         graph[file] = set()
@@ -44,8 +47,10 @@ def python_imports(root):
                 parts = parts[1:]
             elif level != 1:
                 continue
-            if parts and parts[0] in files and files[parts[0]] != file:
-                graph[file].add(files[parts[0]])
+            # A module of a folder, or of the package itself; what is imported of it does not matter.
+            found = next((name for count in (2, 1) if (name := ".".join(parts[:count])) in files), None)
+            if found is not None and files[found] != file:
+                graph[file].add(files[found])
     return graph
 
 

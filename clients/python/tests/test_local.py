@@ -49,6 +49,15 @@ def test_a_volume_file_is_served_and_everything_is_gone_afterwards(volume):
     assert not scratch.exists()
 
 
+def test_a_client_is_a_mapping_of_names_for_python_and_for_the_tab_key(folder):
+    with isoscope.serve({"p": np.zeros((3, 3, 3)) + np.arange(3)}, name="one") as client:
+        assert len(client) == 1 and list(client) == client.keys() == client._ipython_key_completions_() == ["one"]
+        assert "one" in client and client["one"] == client.dataset() and list(dict(client)) == ["one"]
+        assert client
+    # A client without a server is true, too, and the Tab key waits for nothing.
+    assert client and client._ipython_key_completions_() == []
+
+
 def test_a_volume_is_partitioned_once_for_python_and_the_command_line(run, programs, cache, tmp_path):
     volume = tmp_path / "once.nrrd"
     run("generate", "shells", "--dims", "20,20,20", "--type", "uint8", "--output", volume)

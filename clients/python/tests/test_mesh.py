@@ -2,8 +2,11 @@
 
 import importlib.util
 import json
+import pathlib
 import re
 import struct
+import sys
+import types
 
 import numpy as np
 import pytest
@@ -112,6 +115,85 @@ def test_vtk_reads_what_was_saved(dataset, tmp_path, ending):
     properties.Update()
     assert reader.GetOutput().GetNumberOfPolys() == pytest.approx(len(mesh.triangles), rel=1e-2)
     assert properties.GetSurfaceArea() == pytest.approx(mesh.area, rel=1e-4)
+
+
+TAN = (210 / 255, 180 / 255, 140 / 255, 0.5)
+
+
+@pytest.fixture
+def painted(mesh):
+    """The same, the first surface in a translucent colour."""
+    colors = (TAN, (1.0, 0.0, 0.0, 1.0))
+    return isoscope.Mesh(
+        mesh.points, mesh.normals, mesh.triangles, mesh.triangle_surface, mesh.isovalues, surface_colors=colors
+    )
+
+
+def test_triangles_have_the_colours_of_their_surfaces(mesh, painted):
+    assert (painted.triangle_colors[:4] == [210, 180, 140, 128]).all()
+    assert (painted.triangle_colors[4:] == [255, 0, 0, 255]).all() and painted.triangle_colors.dtype == np.uint8
+    assert (painted.surface(1).triangle_colors == [255, 0, 0, 255]).all()
+    # Without colours it is the clay that pictures have.
+    header = (pathlib.Path(__file__).resolve().parents[3] / "core" / "frame" / "appearance.h").read_text()
+    clay = re.search(r"base_color\{(\d+), (\d+), (\d+), (\d+)\}", header).groups()
+    assert (mesh.triangle_colors == [int(channel) for channel in clay]).all()
+
+
+class Trimesh:
+    """As much of trimesh.Trimesh as the package uses."""
+
+    def __init__(self, **given):
+        self.__dict__.update(given, face_attributes={})
+
+
+class PolyData:
+    """As much of pyvista.PolyData as the package uses."""
+
+    class Attributes(dict):
+        active_normals_name = None
+
+    def __init__(self, points, faces):
+        self.points, self.faces = points, faces
+        self.point_data, self.cell_data = self.Attributes(), self.Attributes()
+
+
+def test_trimesh_gets_normals_colours_and_surfaces(painted, monkeypatch):
+    if importlib.util.find_spec("trimesh") is None:
+        monkeypatch.setitem(sys.modules, "trimesh", types.SimpleNamespace(Trimesh=Trimesh))
+        made = painted.to_trimesh()
+        assert made.process is False and made.face_colors.shape == (8, 4)
+    else:
+        made = painted.to_trimesh()
+        assert made.visual.face_colors[0].tolist() == [210, 180, 140, 128] and made.is_watertight
+    assert (made.vertices == painted.points).all() and (made.faces == painted.triangles).all()
+    assert np.allclose(made.vertex_normals[:7], painted.normals[:7])
+    assert made.face_attributes["surface"].tolist() == [0] * 4 + [1] * 4 and made.metadata["isovalues"] == (10.0, 20.0)
+
+
+def test_pyvista_gets_normals_colours_and_surfaces(painted, monkeypatch):
+    if importlib.util.find_spec("pyvista") is None:
+        monkeypatch.setitem(sys.modules, "pyvista", types.SimpleNamespace(PolyData=PolyData))
+    made = painted.to_pyvista()
+    faces = made.faces.reshape(-1, 4)
+    assert (made.points == painted.points).all() and (faces[:, 0] == 3).all() and (faces[:, 1:] == painted.triangles).all()
+    assert (made.point_data["Normals"] == painted.normals).all() and made.point_data.active_normals_name == "Normals"
+    assert (made.cell_data["colors"] == painted.triangle_colors).all() and list(made.cell_data["surface"]) == [0] * 4 + [1] * 4
+
+
+@pytest.mark.parametrize("package", ["trimesh", "pyvista"])
+def test_a_missing_package_is_an_error_with_what_installs_it(painted, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(isoscope.MissingPackageError, match=f"python3 -m pip install {package}") as caught:
+        getattr(painted, f"to_{package}")()
+    assert isinstance(caught.value, ImportError) and isinstance(caught.value, isoscope.IsoscopeError)
+
+
+def test_a_mesh_has_the_colours_that_a_picture_would_have(dataset):
+    mesh = dataset.mesh(surfaces=[isoscope.Surface(127.5, color="tan", opacity=0.5), 60])
+    assert mesh.surface_colors[0] == pytest.approx(TAN)
+    assert mesh.triangle_colors[-1].tolist() == [222, 209, 190, 255]
+    (label,) = dataset.mesh(labels=[255]).surface_colors
+    assert label == pytest.approx(isoscope.look.parse_color(isoscope.labels.label_color(255), "color"))
 
 
 def test_a_closed_mesh_has_the_volume_of_its_solids(mesh):

@@ -47,15 +47,15 @@ def test_the_types_are_strict():
 
 def test_modules_import_each_other_in_one_direction():
     """Also those that functions import, or type checkers alone."""
-    folder = PACKAGE / "src" / "isoscope"
-    modules = {path.stem: ast.walk(ast.parse(path.read_text())) for path in folder.glob("*.py") if path.stem != "__init__"}
+    source = PACKAGE / "src"
+    paths = [path for path in source.rglob("*.py") if path.stem != "__init__" and path.parent.name != "_proto"]
+    modules = {".".join(path.relative_to(source).with_suffix("").parts): path for path in paths}
+    assert {"isoscope.local", "isoscope._serving.gateway"} <= modules.keys()
     imported = {name: set() for name in modules}
-    for name, nodes in modules.items():
-        for node in nodes:
-            if isinstance(node, ast.ImportFrom) and node.module == "isoscope":
-                imported[name] |= {one.name for one in node.names} & modules.keys()
-            elif isinstance(node, ast.ImportFrom) and node.module.startswith("isoscope."):
-                imported[name] |= {node.module.split(".")[1]} & modules.keys()
+    for name, path in modules.items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module is not None:
+                imported[name] |= {node.module, *(f"{node.module}.{one.name}" for one in node.names)} & modules.keys()
     graphlib.TopologicalSorter(imported).prepare()  # raises CycleError
 
 
@@ -155,6 +155,34 @@ def test_what_was_built_is_installed_in_a_fresh_environment_and_renders(
     version, path = first.split()
     assert version == "3.2.1+4.gabc" and second == "(24, 24, 3)"
     assert pathlib.Path(path).is_relative_to(tmp_path / "venv"), path
+
+
+def test_a_copy_of_the_folder_alone_is_installed_and_works(tmp_path):
+    for module in ("setuptools", "wheel", "pip"):
+        if importlib.util.find_spec(module) is None:
+            skips.skip("python", f"no {module} (python3-{module}) to install with")
+    # It lies as in a checkout of another project, whose program is not run.
+    copy = tmp_path / "other" / "vendored" / "isoscope"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build", "dist"))
+    (tmp_path / "other" / "scripts").mkdir()
+    (tmp_path / "other" / "scripts" / "version.sh").write_text("echo 6.6.6\n")
+    environment = {name: value for name, value in os.environ.items() if name != "ISOSCOPE_VERSION"}
+    others = [part for part in environment.pop("PYTHONPATH").split(os.pathsep) if part != str(PACKAGE / "src")]
+    flags = ["--disable-pip-version-check", "--no-index", "--no-deps", "--no-build-isolation", "--quiet"]
+    install = [sys.executable, "-m", "pip", "install", *flags, "--target", tmp_path / "installed", copy]
+    done = subprocess.run(install, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    code = "import isoscope; print(isoscope.__version__, isoscope.__file__)"
+    for path, folder in (("installed", "installed/isoscope"), ("other/vendored/isoscope/src",) * 2):
+        found = {**environment, "PYTHONPATH": os.pathsep.join([str(tmp_path / path), *others])}
+        done = subprocess.run([sys.executable, "-c", code], env=found, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        version, file = done.stdout.split()
+        assert version == "0+unknown" and pathlib.Path(file).is_relative_to(tmp_path / folder), done.stdout
+    named = subprocess.run(
+        [sys.executable, "-c", code], env={**found, "ISOSCOPE_VERSION": "1.2.3"}, capture_output=True, text=True
+    )
+    assert named.stdout.startswith("1.2.3 "), named.stderr
 
 
 def test_the_version_is_that_of_the_whole_project(monkeypatch):

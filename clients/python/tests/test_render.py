@@ -200,26 +200,6 @@ def test_mesh_of_several_surfaces_comes_apart(dataset):
     assert len(dataset.mesh(1e9).triangles) == 0
 
 
-def test_mesh_goes_to_pyvista_or_says_what_is_missing(dataset, monkeypatch):
-    import sys
-    import types
-
-    mesh = dataset.mesh(127.5)
-    monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(isoscope.IsoscopeError, match="pip install pyvista"):
-        mesh.to_pyvista()
-
-    class PolyData:
-        def __init__(self, points, faces):
-            self.points, self.faces, self.point_data, self.cell_data = points, faces, {}, {}
-
-    monkeypatch.setitem(sys.modules, "pyvista", types.SimpleNamespace(PolyData=PolyData))
-    poly = mesh.to_pyvista()
-    assert (poly.faces.reshape(-1, 4)[:, 0] == 3).all()
-    assert (poly.faces.reshape(-1, 4)[:, 1:] == mesh.triangles).all()
-    assert poly.point_data["Normals"] is mesh.normals
-
-
 def test_datasets_tell_their_grid_range_and_state(client, dataset):
     assert list(client) == ["shells"] and "shells" in client and "head" not in client
     assert client.dataset() == dataset and dataset.refresh() == dataset

@@ -26,6 +26,19 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 GATEWAY = "http://localhost:8080/"
 
 
+@pytest.fixture(scope="module")
+def client(folder):
+    """A client of a server that is somebody else's: no view of it starts a gateway."""
+    with isoscope.serve(folder, renderer="cpu", threads=2) as served:
+        with isoscope.connect(served.address, token_file=served.token_file) as client:
+            yield client
+
+
+@pytest.fixture(scope="module")
+def dataset(client):
+    return client["shells"]
+
+
 @pytest.fixture(autouse=True)
 def fresh_widget_class():
     viewer._widget_class.cache_clear()
@@ -86,6 +99,8 @@ def test_the_gateway_is_the_one_that_the_server_names(client, dataset, monkeypat
     assert dataset.view(127.5, size=(32, 32), gateway="/proxy/8080/").gateway == "/proxy/8080/"
     with pytest.raises(InvalidArgumentError, match="gateway 'host:1'"):
         dataset.view(127.5, gateway="host:1")
+    with pytest.raises(InvalidArgumentError, match="origin 'http://a:1': is for the gateway that a client of isoscope.serve"):
+        dataset.view(127.5, origin="http://a:1")
 
 
 def test_the_inlined_viewer_gets_the_state_and_ends_no_script_early(dataset, module, monkeypatch):
@@ -172,6 +187,12 @@ def test_with_anywidget_the_browsers_state_is_the_views(dataset, anywidget):
     assert view.camera == turned.camera
     assert view.snapshot().png == turned.png
     assert view.snapshot(size=(60, 60)).size == (60, 60)
+
+
+def test_a_view_of_nothing_warns_and_names_the_range(dataset):
+    view = dataset.view(1e6, size=(32, 32))
+    with pytest.warns(isoscope.SurfaceWarning, match="isovalue 1000000 has no surface: .*are in"):
+        view._repr_mimebundle_()
 
 
 def test_the_state_can_be_set_and_is_checked(dataset):

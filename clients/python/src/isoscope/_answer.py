@@ -18,6 +18,7 @@ from isoscope._proto import cluster_service_pb2 as cluster_pb
 from isoscope._proto import dataset_pb2, frame_pb2, geometry_pb2
 from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
+from isoscope._mesh import CLAY, Rgba
 from isoscope._messages import MAPS, QUANTITIES, surfaces_of
 from isoscope._request import PLANES
 from isoscope._warn import warn_of_surface
@@ -327,11 +328,21 @@ class FrameParts:
         return planes
 
 
+def _color_of(surface: pb.Surface) -> Rgba:
+    """Returns the colour that a picture of the surface has, where nothing colours it."""
+    if not surface.HasField("color"):
+        return CLAY
+    color = surface.color
+    return color.red, color.green, color.blue, color.alpha
+
+
 class MeshParts:
     """Puts the chunks of ExportIsosurface together."""
 
     def __init__(self, request: pb.ExportIsosurfaceRequest) -> None:
-        self._isovalues = tuple(math.nan if one.labels else one.isovalue for one in surfaces_of(request))
+        surfaces = surfaces_of(request)
+        self._isovalues = tuple(math.nan if one.labels else one.isovalue for one in surfaces)
+        self._colors = tuple(_color_of(one) for one in surfaces)
         self._parts: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
         self._surfaces: list[int] = []
         self._origin: tuple[float, float, float] | None = None
@@ -353,7 +364,7 @@ class MeshParts:
         surface = np.repeat(np.array(self._surfaces, np.uint8 if len(self._isovalues) <= 256 else np.int32), counts)
         if self._origin is not None:
             points = points.astype(np.float64) + self._origin
-        return Mesh(points, normals, triangles, surface, self._isovalues, self._origin)
+        return Mesh(points, normals, triangles, surface, self._isovalues, self._origin, self._colors)
 
 
 class MeasuresOfSurfaces:

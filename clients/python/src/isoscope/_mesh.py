@@ -13,7 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from isoscope import _mesh_files
-from isoscope.errors import IsoscopeError
+from isoscope.errors import MissingPackageError
+
+#: Red, green, blue and alpha of one surface, from 0 to 1.
+Rgba = tuple[float, float, float, float]
+#: Of surfaces without a colour: the light clay that pictures have (core/frame/appearance.h).
+CLAY = (222 / 255, 209 / 255, 190 / 255, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +33,7 @@ class Mesh:
         triangle_surface: shape (m,): index of the surface of each triangle; uint8, int32 of more than 256 surfaces.
         isovalues: isovalue of each surface; NaN of one of labels.
         origin: where points are float64: the world position that .stl and .glb files have offsets from, as float32.
+        surface_colors: colour of each surface, sRGB from 0 to 1 with alpha; empty: the light clay of pictures.
     """
 
     points: npt.NDArray[np.float32] | npt.NDArray[np.float64]
@@ -36,6 +42,7 @@ class Mesh:
     triangle_surface: npt.NDArray[Any]
     isovalues: tuple[float, ...]
     origin: tuple[float, float, float] | None = None
+    surface_colors: tuple[Rgba, ...] = ()
 
     def __repr__(self) -> str:
         values = ", ".join(f"{value:g}" for value in self.isovalues)
@@ -108,21 +115,57 @@ class Mesh:
             np.zeros(len(triangles), np.uint8),
             (self.isovalues[index],),
             self.origin,
+            self.surface_colors[index : index + 1],
         )
 
+    @property
+    def triangle_colors(self) -> npt.NDArray[np.uint8]:
+        """Colour of each triangle, that of its surface: uint8, shape (m, 4), sRGB with alpha."""
+        colors = [*self.surface_colors, *[CLAY] * (len(self.isovalues) - len(self.surface_colors))]
+        table = np.rint(np.clip(np.asarray(colors, np.float64).reshape(-1, 4), 0, 1) * 255).astype(np.uint8)
+        found: npt.NDArray[np.uint8] = table[self.triangle_surface]
+        return found
+
     def to_pyvista(self) -> Any:
-        """Returns a pyvista.PolyData with point normals "Normals" and cell data "surface"."""
+        """Returns a pyvista.PolyData: point normals "Normals"; "surface" and colours "colors" of its cells.
+
+        `mesh.to_pyvista().plot(scalars="colors", rgb=True)` shows the colours.
+
+        Raises:
+            MissingPackageError: PyVista is not installed.
+        """
         try:
             import pyvista
         except ImportError as error:
-            raise IsoscopeError("to_pyvista needs PyVista: pip install pyvista") from error
+            raise MissingPackageError("to_pyvista needs PyVista: python3 -m pip install pyvista") from error
         faces = np.empty((len(self.triangles), 4), np.int64)
         faces[:, 0] = 3
         faces[:, 1:] = self.triangles
         poly = pyvista.PolyData(self.points, faces.ravel())
         poly.point_data["Normals"] = self.normals
+        poly.point_data.active_normals_name = "Normals"
         poly.cell_data["surface"] = self.triangle_surface
+        poly.cell_data["colors"] = self.triangle_colors
         return poly
+
+    def to_trimesh(self) -> Any:
+        """Returns a trimesh.Trimesh with the normals of points and the colours of triangles, its points not merged.
+
+        The surface of each triangle is in `face_attributes["surface"]`, the isovalues in `metadata`.
+
+        Raises:
+            MissingPackageError: trimesh is not installed.
+        """
+        try:
+            import trimesh
+        except ImportError as error:
+            raise MissingPackageError("to_trimesh needs trimesh: python3 -m pip install trimesh") from error
+        made = trimesh.Trimesh(
+            vertices=self.points, faces=self.triangles, vertex_normals=self.normals, face_colors=self.triangle_colors,
+            metadata={"isovalues": self.isovalues}, process=False, validate=False,
+        )  # fmt: skip
+        made.face_attributes["surface"] = self.triangle_surface
+        return made
 
     def _corners(self) -> list[npt.NDArray[np.float64]]:
         """Returns the first, second and third corners, from a point near them."""

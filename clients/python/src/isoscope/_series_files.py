@@ -20,6 +20,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 import numpy.typing as npt
 
+from isoscope._serving.samples import AnyArray, as_array, write_samples
 from isoscope.errors import InvalidArgumentError
 
 #: VTK's names of the types of samples.
@@ -32,7 +33,7 @@ _VTK_TYPES = {
 @dataclass(frozen=True, eq=False)
 class _FieldOfArrays:
     name: str
-    samples: npt.NDArray[Any]  # (t, z, y, x) or (t, z, y, x, c)
+    samples: AnyArray  # (t, z, y, x) or (t, z, y, x, c)
     unit: str | None = None
 
     @property
@@ -92,7 +93,7 @@ def as_series(
     has_time = times is not None
     fields = []
     for name, values in named.items():
-        samples = _checked(name, np.asarray(values), name in with_components)
+        samples = _checked(name, as_array(values, f"field {name!r}"), name in with_components)
         axes = samples.ndim - (name in with_components)
         has_time = has_time or axes == 4
         fields.append(_FieldOfArrays(name, samples if axes == 4 else samples[np.newaxis], unit_of.get(name)))
@@ -107,7 +108,7 @@ def as_series(
     return Series(tuple(fields), checked_times, time_unit, length_unit)
 
 
-def _checked(name: str, samples: npt.NDArray[Any], has_components: bool) -> npt.NDArray[Any]:
+def _checked(name: str, samples: AnyArray, has_components: bool) -> AnyArray:
     if not isinstance(name, str) or not name or not name.isprintable() or ":" in name:
         raise InvalidArgumentError(f"field name {name!r}: must be text to print, not empty, without a colon")
     if samples.dtype == np.bool_:
@@ -210,6 +211,5 @@ def _write_step(series: Series, step: int, path: pathlib.Path, spacing: str, ori
         file.write(header.encode("utf-8"))
         for samples in parts:
             file.write(struct.pack("<Q", samples.nbytes))
-            file.flush()  # tofile writes past the file's buffer
-            np.asarray(samples, samples.dtype.newbyteorder("<")).tofile(file)
+            write_samples(file, samples, samples.dtype.newbyteorder("<"))
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")

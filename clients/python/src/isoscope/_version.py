@@ -1,7 +1,8 @@
 """The version. In a wheel and in an sdist setup.py has put the version itself here, in place of this module.
 
 In a checkout it is that of the whole project, which scripts/version.sh says; $ISOSCOPE_VERSION is taken instead where it
-is set. `git describe` of n commits after a tag becomes VERSION+n.gCOMMIT, as PEP 440 has it.
+is set. `git describe` of n commits after a tag becomes VERSION+n.gCOMMIT, as PEP 440 has it. A copy of the folder
+without the rest of the project does not know it: 0+unknown.
 """
 
 import os
@@ -25,7 +26,12 @@ def _of_project() -> str:
     named = os.environ.get("ISOSCOPE_VERSION")
     if named:
         return named
-    script = pathlib.Path(__file__).resolve().parents[4] / "scripts" / "version.sh"
+    above = pathlib.Path(__file__).resolve().parents
+    package, root = above[2], above[min(4, len(above) - 1)]
+    script = root / "scripts" / "version.sh"
+    # A program of another project that lies around the copy is none of ours.
+    if package != root / "clients" / "python" or not script.is_file():
+        return "0+unknown"
     return subprocess.run(["bash", str(script)], check=True, capture_output=True, text=True).stdout.strip()
 
 

@@ -13,6 +13,7 @@ import grpc
 from isoscope import _core
 from isoscope._call import Call, Connection
 from isoscope._channel import Target, make_channel
+from isoscope._serving.gateway import RunningGateway
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, Histogram, Mesh, PickedPoint, Suggestion, SurfaceMeasures
 from isoscope.errors import InvalidArgumentError, IsoscopeError
@@ -24,6 +25,8 @@ from isoscope.viewer import View, make_view
 __all__ = ["Client", "Dataset", "connect"]
 
 _T = TypeVar("_T")
+# Who types waits no longer.
+_COMPLETION_SECONDS = 2.0
 
 
 @_core.shaped_like(_core.connection)
@@ -47,6 +50,8 @@ class Client(Connection):
     def __init__(self, target: Target, on_close: Callable[[], None] | None = None) -> None:
         super().__init__(target, make_channel)
         self._on_close = on_close
+        # Of `isoscope.serve`: starts the web gateway, for pages of these origins.
+        self._start_gateway: Callable[[Sequence[str]], RunningGateway] | None = None
 
     def datasets(self, *, timeout: float | None = None) -> list[Dataset]:
         """Returns all datasets, in order of name."""
@@ -69,6 +74,24 @@ class Client(Connection):
 
     def __contains__(self, name: object) -> bool:
         return any(one == name for one in self)
+
+    def __len__(self) -> int:
+        """Returns the number of datasets."""
+        return len(self.datasets())
+
+    def __bool__(self) -> bool:
+        """A client is true, with datasets or without: `if client:` makes no call."""
+        return True
+
+    def keys(self) -> list[str]:
+        """Returns the names of the datasets, in order."""
+        return [dataset.name for dataset in self.datasets()]
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names for `client["` and the Tab key. A server that does not answer gives none, and soon."""
+        with contextlib.suppress(IsoscopeError):
+            return [dataset.name for dataset in self.datasets(timeout=_COMPLETION_SECONDS)]
+        return []
 
     def capabilities(self, *, timeout: float | None = None) -> Capabilities:
         """Returns the server's version and limits."""
@@ -222,19 +245,28 @@ class Dataset(_core.DatasetOfClient):
         size: tuple[int, int] = (800, 600),
         gateway: str | None = None,
         token: str | None = None,
+        page: bool | None = None,
+        origin: str | None = None,
     ) -> View:
         """Returns a view for a notebook cell: the surface under the mouse, and the exact picture.
 
-        The browser gets its frames from the web gateway; without one, and in the saved notebook, the
-        cell shows the exact picture.
+        A client of `isoscope.serve` starts the web gateway of this machine for its first view. The cell then has the
+        gateway's page, with isovalue, labels, steps and all other controls; with anywidget it is a widget whose state
+        comes back to Python. Without a gateway, and in the saved notebook, the cell shows the exact picture.
 
         Args:
             isovalue, surfaces, camera, view, clip, field, component, time, step, size: as in `render`; default: the
                 suggested isovalue.
-            gateway: the gateway's address, as the browser reaches it; default: what the server names.
+            gateway: the gateway's address, as the browser reaches it; default: what the server names, or the one that a
+                client of `serve` starts.
             token: token of the gateway, where it wants one.
+            page: whether the cell has the gateway's page with its controls; default: where anywidget is not installed,
+                and the client is one of `serve`. A gateway of your own needs --allow-origin and --allow-framing with
+                the origin of the notebook.
+            origin: origin of the notebook's page, such as "http://localhost:8888", for the gateway that `serve` starts;
+                default: that of the Jupyter server of this kernel.
         """
         return make_view(
             self, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size, gateway=gateway,
-            token=token, field=field, component=component, time=time, step=step,
+            token=token, page=page, origin=origin, field=field, component=component, time=time, step=step,
         )  # fmt: skip

@@ -19,6 +19,7 @@ __all__ = [
     "InternalError",
     "InvalidArgumentError",
     "IsoscopeError",
+    "MissingPackageError",
     "NotFoundError",
     "PermissionDeniedError",
     "ProgramError",
@@ -138,6 +139,12 @@ _CLASSES["OUT_OF_RANGE"] = InvalidArgumentError
 
 class ProgramError(IsoscopeError, OSError):
     """A local program of `isoscope.serve` is not installed, or ended with an error."""
+
+    code = "FAILED_PRECONDITION"
+
+
+class MissingPackageError(IsoscopeError, ImportError):
+    """A Python package is not installed that this call needs; the message has the command that installs it."""
 
     code = "FAILED_PRECONDITION"
 

@@ -1,82 +1,52 @@
 """`isoscope.serve`: starts the programs of this machine for one volume, and connects to them.
 
 1. `find_program` finds `isoscope`.
-2. `_volume` gives its arguments: a dataset folder as it is, a file, or an array in a scratch file.
+2. `_volume` gives its arguments: a dataset folder as it is, a file, or arrays in a scratch file.
 3. _Server makes a token, starts the program under a keeper, and waits for the address that it prints.
 4. The client that connects there ends program and scratch folder when it is closed, lost, or its process ends.
+5. The first view in a notebook starts the web gateway, which ends with them.
 """
 
 from __future__ import annotations
 
 import atexit
-import contextlib
 import hashlib
 import json
 import os
 import pathlib
 import secrets
 import shutil
-import signal
 import subprocess
 import tempfile
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import IO, Any, Union
+from dataclasses import dataclass, field
+from typing import Any, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from isoscope import _series_files
 from isoscope._channel import DEFAULT_TIMEOUT
+from isoscope._serving import xarray_source
+from isoscope._serving.gateway import LocalGateway
+from isoscope._serving.programs import KeptProgram, find_program, last_line
+from isoscope._serving.samples import AnyArray, as_array, is_dask, write_samples
 from isoscope.client import Client, connect
-from isoscope.errors import InvalidArgumentError, ProgramError, printable
+from isoscope.errors import InvalidArgumentError, ProgramError
 
 __all__ = ["find_program", "serve"]
 
 _NUMPY_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
-
-# Ends the program on SIGTERM, or when this process closes its end of the pipe, in whatever way it ends. It has its own
-# session, so that Ctrl-C in a notebook reaches only the notebook.
-_KEEPER = """
-exec 3<&0
-"$@" </dev/null 3<&- &
-child=$!
-trap 'kill $child 2>/dev/null' TERM INT
-(cat <&3; kill $child) >/dev/null 2>&1 &
-watcher=$!
-exec 3<&-
-wait $child
-status=$?
-while kill -0 $child 2>/dev/null; do wait $child; status=$?; done
-# Its number may soon be another program's.
-kill $watcher 2>/dev/null
-exit $status
-"""
-
-
-def find_program() -> str:
-    """Returns the path of the program `isoscope`: $ISOSCOPE_BIN (the program, or its folder), else the PATH.
-
-    Raises:
-        ProgramError: it is not installed.
-    """
-    named = os.environ.get("ISOSCOPE_BIN")
-    if named:
-        path = os.path.join(named, "isoscope") if os.path.isdir(named) else named
-        if os.path.isfile(path) and os.access(path, os.X_OK):
-            return path
-        raise ProgramError(f"$ISOSCOPE_BIN is {named!r}: there is no program 'isoscope' that can be run")
-    found = shutil.which("isoscope")
-    if found is None:
-        raise ProgramError(
-            "the program 'isoscope' is not installed here: put its folder on the PATH or into $ISOSCOPE_BIN "
-            "(in a checkout, scripts/build.sh makes build/release/bin), or use isoscope.connect('HOST:PORT')"
-        )
-    return found
+_TAKEN = (
+    "serve takes a path (str or os.PathLike), a numpy or dask array, a dict of such arrays by name, or an xarray "
+    "DataArray or Dataset"
+)
 
 
 def serve(
-    source: Union[str, os.PathLike[str], npt.NDArray[Any], Mapping[str, npt.ArrayLike]],
+    source: Union[str, os.PathLike[str], npt.NDArray[Any], Mapping[str, npt.ArrayLike], Any],
     *,
     name: str | None = None,
     folder: str | os.PathLike[str] | None = None,
@@ -90,6 +60,8 @@ def serve(
     length_unit: str | None = None,
     dims: Sequence[int] | None = None,
     dtype: npt.DTypeLike | None = None,
+    axes: str | None = None,
+    resample: bool = False,
     shards: int = 1,
     renderer: str = "auto",
     threads: int | None = None,
@@ -103,15 +75,19 @@ def serve(
 
         client = isoscope.serve("head.nii.gz")
         client.dataset().render(isovalue=60)
+        client.dataset().view(60)                                  # in a notebook: under the mouse
 
         client = isoscope.serve(array, spacing=(0.5, 0.5, 1.0))    # array[z, y, x]
         client = isoscope.serve("slices/", spacing=(1, 1, 4))      # in place of what the files say
         client = isoscope.serve({"p": pressure, "v": velocity}, times=times, vectors=["v"])
+        client = isoscope.serve(xarray.open_dataset("ocean.nc"))   # by its coordinates and units
 
     Args:
         source: a dataset folder; or a volume that `isoscope partition` takes, a file, a folder or a pattern:
-            `isoscope info --list-formats` lists its formats; or a numpy array of shape (nz, ny, nx), or
-            (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name.
+            `isoscope info --list-formats` lists its formats; or an array of numpy or dask of shape (nz, ny, nx), or
+            (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name; or an xarray DataArray or Dataset,
+            which is read as its netCDF file would be: by its coordinates and the attributes `axis`, `units`,
+            `standard_name` and `positive` of CF. Coordinates that are not even are refused by name.
         name: name of the dataset: a dataset folder of that name is made for this client alone.
         folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
             partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then
@@ -121,11 +97,14 @@ def serve(
         direction: matrix of 3 x 3, whose columns are the world directions of x, y and z, likewise, as ITK has it.
         times: times of the steps of arrays, strictly ascending; default: 0, 1, 2, ...
         vectors: names of the arrays of a dict that have a last axis of components, (nz, ny, nx, nc) or (nt, nz, ny, nx,
-            nc); True: all arrays have it.
+            nc); True: all arrays have it. Likewise of an xarray Dataset, whose other axes may have any order.
         units: units of the arrays of a dict by name, such as {"p": "Pa"}, or of all of them.
         time_unit, length_unit: units of times and of spacing and origin, of arrays.
         dims: samples along x, y, z: of raw samples.
         dtype: type of raw samples, little-endian.
+        axes: meaning of the dimensions of an xarray, a netCDF or an HDF5 file that does not say it, slowest first: "TZYX"
+            of the letters T, C (components), Z, Y, X, and - for one of one element.
+        resample: whether samples at uneven distances are interpolated onto even ones, instead of an error.
         shards: shards to cut a volume into, one agent each.
         renderer: "auto", "egl" or "cpu".
         threads: threads of all agents together; default: one for each core.
@@ -133,114 +112,223 @@ def serve(
         timeout: deadline of the client's calls, seconds.
 
     Raises:
+        InvalidArgumentError: the source is of a type that is not taken, or the arguments do not fit it.
         ProgramError: the program is not installed, or ended with an error, which the message quotes.
     """
+    _check_source(source)
     program = find_program()
     server = _Server()
+    wanted = _Wanted(
+        name=name, folder=folder, spacing=spacing, origin=origin, direction=direction, times=times, vectors=vectors,
+        units=units, time_unit=time_unit, length_unit=length_unit, dims=dims, dtype=dtype, axes=axes, resample=resample,
+        shards=shards,
+    )  # fmt: skip
     try:
-        volume = _volume(
-            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, direction=direction,
-            times=times, vectors=vectors, units=units, time_unit=time_unit, length_unit=length_unit, dims=dims,
-            dtype=dtype, shards=shards,
-        )  # fmt: skip
+        volume, fields = _volume(program, source, server, wanted)
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
         flags += [] if threads is None else ["--threads", str(threads)]
         flags += [] if memory_limit is None else ["--memory-limit", memory_limit]
         token_file, digest_file = server.make_token()
         address = server.start([program, "serve", *volume, "--tokens", digest_file, *flags])
+        gateway = server.gateway = LocalGateway(program, address, token_file, server.write_private)
         client = connect(address, tls=False, token_file=token_file, timeout=timeout)
+        _warn_of_missing(client, fields)
     except BaseException:
         server.close()
         raise
     client._on_close = server.close
+    client._start_gateway = gateway.start
     # A client without references ends its programs.
     weakref.finalize(client, server.close)
     return client
 
 
-def _volume(
-    program: str,
-    source: str | os.PathLike[str] | npt.NDArray[Any] | Mapping[str, npt.ArrayLike],
-    server: _Server,
-    *,
-    name: str | None,
-    folder: str | os.PathLike[str] | None,
-    spacing: Sequence[float] | None,
-    origin: Sequence[float] | None,
-    direction: npt.ArrayLike | None,
-    times: Sequence[float] | None,
-    vectors: bool | Sequence[str],
-    units: Mapping[str, str] | str | None,
-    time_unit: str | None,
-    length_unit: str | None,
-    dims: Sequence[int] | None,
-    dtype: npt.DTypeLike | None,
-    shards: int,
-) -> list[str]:
-    """Returns the arguments of `isoscope serve` for `source`: a dataset folder, or a volume that goes into the cache.
+def _check_source(source: Any) -> None:
+    """Refuses a source of a type that is not taken, and says what is."""
+    if isinstance(source, Mapping) and not xarray_source.is_xarray(source):
+        for name, values in source.items():
+            if xarray_source.is_xarray(values):
+                raise InvalidArgumentError(
+                    f"the dict has {name!r}, a {_type_name(values)}, whose coordinates would be lost: give "
+                    "xarray.Dataset({...}) instead of the dict"
+                )
+        return
+    if isinstance(source, (str, os.PathLike, np.ndarray)) or is_dask(source) or xarray_source.is_xarray(source):
+        return
+    is_like_an_array = isinstance(source, (list, tuple)) or hasattr(source, "__array__")
+    hint = "; numpy.asarray(...) makes an array of it" if is_like_an_array else ""
+    raise InvalidArgumentError(f"source is a {_type_name(source)}: {_TAKEN}{hint}")
 
-    An array, and a volume with a name or folder of its own, become a dataset folder by `isoscope partition`.
-    """
-    is_file = not isinstance(source, (np.ndarray, Mapping))
-    is_series = times is not None or vectors is not False or any((units, time_unit, length_unit))
-    if isinstance(source, (np.ndarray, Mapping)):
-        if dims is not None or dtype is not None:
-            raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
-        name = name or ("array" if folder is None else None)
-        if isinstance(source, Mapping) or source.ndim > 3 or is_series:
-            series = _series_files.as_series(
-                source, times, vectors, units=units, time_unit=time_unit, length_unit=length_unit
-            )
-            path = str(_series_files.write(series, pathlib.Path(server.scratch()), spacing=spacing, origin=origin))
-            spacing = origin = None
-        else:
-            path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
-    elif is_series:
-        raise InvalidArgumentError("times, vectors and units are for arrays: a file has its own")
+
+def _type_name(value: object) -> str:
+    module = type(value).__module__.partition(".")[0]
+    return type(value).__name__ if module == "builtins" else f"{module}.{type(value).__name__}"
+
+
+def _warn_of_missing(client: Client, fields: Sequence[str]) -> None:
+    """Warns of variables of a source that are not served: those of another grid."""
+    if len(fields) < 2:
+        return
+    served = {one.name for one in client.dataset().fields}
+    missing = [one for one in fields if one not in served]
+    if not missing:
+        return
+    if served:
+        said = f"not served: {_quoted(missing)}, of another grid than {_quoted(sorted(served))}"
     else:
+        said = f"only one of {_quoted(fields)} is served: their grids differ"
+    warnings.warn(f"{said}; serve them by themselves, serve(dataset['NAME'])", stacklevel=3)
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(map(repr, names))
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """What `serve` was asked to make of a source: its arguments of these names."""
+
+    name: str | None = None
+    folder: str | os.PathLike[str] | None = None
+    spacing: Sequence[float] | None = None
+    origin: Sequence[float] | None = None
+    direction: npt.ArrayLike | None = None
+    times: Sequence[float] | None = None
+    vectors: bool | Sequence[str] = False
+    units: Mapping[str, str] | str | None = None
+    time_unit: str | None = None
+    length_unit: str | None = None
+    dims: Sequence[int] | None = None
+    dtype: npt.DTypeLike | None = None
+    axes: str | None = None
+    resample: bool = False
+    shards: int = 1
+
+    def given(self, *names: str) -> list[str]:
+        """Returns those of the names whose argument was given."""
+        return [name for name in names if getattr(self, name) is not None and getattr(self, name) is not False]
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """A file or folder for `isoscope`, and what its flags say of it.
+
+    Attributes:
+        path: of the file or folder.
+        grid: the arguments that are flags still: spacing, origin.
+        dims, dtype: of raw samples.
+        is_own: whether the file is one of `serve`, which goes when the client is closed.
+        fields: names of the variables in it; empty: not known, or just one.
+    """
+
+    path: str
+    grid: tuple[str, ...] = ("spacing", "origin", "direction")
+    dims: Sequence[int] | None = None
+    dtype: npt.DTypeLike | None = None
+    is_own: bool = False
+    fields: Sequence[str] = field(default_factory=list)
+
+
+def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tuple[list[str], Sequence[str]]:
+    """Returns the arguments of `isoscope serve` for `source`, and the fields that it should have.
+
+    That is a dataset folder, or a volume that goes into the cache. An array, and a volume with a name or folder of its
+    own, become a dataset folder by `isoscope partition`.
+    """
+    if isinstance(source, (str, os.PathLike)):
         path = os.fspath(source)
+        if wanted.given("times", "vectors", "units", "time_unit", "length_unit"):
+            raise InvalidArgumentError("times, vectors and units are for arrays: a file has its own")
         if os.path.isfile(os.path.join(path, "manifest.json")):
-            if spacing is not None or origin is not None or direction is not None:
-                raise InvalidArgumentError("spacing, origin and direction are for volumes: a dataset folder has its own")
-            return [path]
-    flags = ["--shards", str(shards)]
-    if dims is not None:
-        flags += ["--dims", _joined(dims), "--type", np.dtype(dtype if dtype is not None else "uint8").name]
-    elif dtype is not None:
-        raise InvalidArgumentError("dtype is for arrays and for raw files, which need dims too")
-    flags += ["--spacing", _joined(spacing)] if spacing is not None else []
-    flags += ["--origin", _joined(origin)] if origin is not None else []
-    flags += ["--direction", _joined(direction)] if direction is not None else []
+            given = wanted.given("spacing", "origin", "direction", "axes", "resample")
+            if given:
+                raise InvalidArgumentError(
+                    f"{', '.join(given)}: spacing, origin, direction, axes and resample are for volumes: a dataset "
+                    "folder has its own"
+                )
+            return [path], []
+        made = _Source(path, dims=wanted.dims, dtype=wanted.dtype)
+    else:
+        made = _file_of_arrays(source, server, wanted)
+    flags = _flags(made, wanted)
+    name, folder = wanted.name, wanted.folder
     if folder is None:
-        if is_file and name is None:
-            return [path, *flags]
-        folder = os.path.join(server.scratch(), name or "volume")
+        if not made.is_own and name is None:
+            return [made.path, *flags], []
+        folder = os.path.join(server.scratch(), name or ("array" if made.is_own else "volume"))
     elif name is not None:
         raise InvalidArgumentError("name and folder exclude each other: a dataset has the name of its folder")
-    command = [program, "partition", path, "--output", os.fspath(folder), *flags]
+    command = [program, "partition", made.path, "--output", os.fspath(folder), *flags]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
     if done.returncode != 0:
-        raise ProgramError(f"isoscope partition failed: {_last_line(done.stderr)}")
-    return [os.fspath(folder)]
+        said = last_line(done.stderr)
+        if made.is_own:
+            # The path means nothing to the caller, who gave an array.
+            said = said.replace(made.path + ":", "").replace(made.path, "the source")
+            said = said.replace("--resample", "resample=True")
+        raise ProgramError(f"isoscope partition failed: {said}")
+    return [os.fspath(folder)], made.fields
 
 
-def _sample_type(array: npt.NDArray[Any]) -> np.dtype[Any]:
+def _flags(made: _Source, wanted: _Wanted) -> list[str]:
+    """Returns the flags of `isoscope` that say what a file does not say itself."""
+    flags = ["--shards", str(wanted.shards)]
+    if made.dims is not None:
+        flags += ["--dims", _joined(made.dims), "--type", np.dtype(made.dtype if made.dtype is not None else "uint8").name]
+    elif made.dtype is not None:
+        raise InvalidArgumentError("dtype is for arrays and for raw files, which need dims too")
+    for name in made.grid:
+        value = getattr(wanted, name)
+        flags += [f"--{name}", _joined(value)] if value is not None else []
+    flags += ["--axes", wanted.axes] if wanted.axes is not None else []
+    return [*flags, "--resample"] if wanted.resample else flags
+
+
+def _file_of_arrays(source: Any, server: _Server, wanted: _Wanted) -> _Source:
+    """Writes arrays into the scratch folder."""
+    if wanted.dims is not None or wanted.dtype is not None:
+        raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
+    scratch = pathlib.Path(server.scratch())
+    if xarray_source.is_xarray(source):
+        given = wanted.given("times", "units", "time_unit", "length_unit")
+        if given:
+            raise InvalidArgumentError(
+                f"{', '.join(given)}: an xarray has its own, in its coordinates and in their attributes, such as "
+                "attrs['units']"
+            )
+        path = scratch / "source.nc"
+        fields = xarray_source.write(source, path, wanted.vectors)
+        return _Source(str(path), is_own=True, fields=fields)
+    given = wanted.given("axes", "resample")
+    if given:
+        raise InvalidArgumentError(
+            f"{', '.join(given)}: for xarray and for files; an array is array[z, y, x], with even steps"
+        )
+    is_series = bool(wanted.given("times", "vectors") or wanted.units or wanted.time_unit or wanted.length_unit)
+    if isinstance(source, Mapping) or source.ndim > 3 or is_series:
+        series = _series_files.as_series(
+            source, wanted.times, wanted.vectors, units=wanted.units, time_unit=wanted.time_unit,
+            length_unit=wanted.length_unit,
+        )  # fmt: skip
+        written = _series_files.write(series, scratch, spacing=wanted.spacing, origin=wanted.origin)
+        return _Source(str(written), grid=("direction",), is_own=True)
+    array = as_array(source, "the array")
+    return _Source(server.write_array(array), dims=array.shape[::-1], dtype=_sample_type(array), is_own=True)
+
+
+def _sample_type(array: AnyArray) -> np.dtype[Any]:
     if array.dtype == np.bool_:
         return np.dtype(np.uint8)
     if array.dtype.name not in _NUMPY_TYPES:
         raise InvalidArgumentError(
             f"array of {array.dtype.name}: must be one of {', '.join(_NUMPY_TYPES)}; convert it with array.astype(...)"
         )
-    return array.dtype
+    dtype: np.dtype[Any] = array.dtype
+    return dtype
 
 
 def _joined(values: npt.ArrayLike) -> str:
     return ",".join(repr(value) for value in np.asarray(values).ravel().tolist())
-
-
-def _last_line(text: str) -> str:
-    lines = [line for line in text.splitlines() if line.strip()]
-    return printable(lines[-1].strip()) if lines else "it said nothing"
 
 
 class _Server:
@@ -248,9 +336,9 @@ class _Server:
 
     def __init__(self) -> None:
         self._pid = os.getpid()
-        self._process: subprocess.Popen[str] | None = None
+        self._program: KeptProgram | None = None
         self._scratch: str | None = None
-        self._log: IO[str] | None = None
+        self.gateway: LocalGateway | None = None
         atexit.register(self.close)
 
     def scratch(self) -> str:
@@ -264,45 +352,33 @@ class _Server:
         token = secrets.token_urlsafe(32)
         digest = hashlib.sha256(token.encode("ascii")).hexdigest()
         entry = {"name": "python", "sha256": digest, "datasets": ["*"]}
-        return self._write_private(token), self._write_private(json.dumps({"tokens": [entry]}))
+        return self.write_private(token), self.write_private(json.dumps({"tokens": [entry]}))
 
-    def _write_private(self, text: str) -> str:
+    def write_private(self, text: str) -> str:
         """Writes a file that other users can never read, not even for a moment; returns its path."""
         handle, path = tempfile.mkstemp(prefix="token-", dir=self.scratch())
         with open(handle, "w", encoding="ascii") as file:
             file.write(text)
         return path
 
-    def write_array(self, array: npt.NDArray[Any]) -> str:
+    def write_array(self, array: AnyArray) -> str:
         """Writes the samples of array[z, y, x], x fastest, little-endian; returns the path."""
         if array.ndim != 3 or min(array.shape) < 2:
             raise InvalidArgumentError(
                 f"array of shape {array.shape}: must be (nz, ny, nx), or (nt, nz, ny, nx) with steps, with at least 2 "
                 "samples on each axis of the grid"
             )
-        samples = array.astype(_sample_type(array).newbyteorder("<"), order="C", copy=False)
         path = os.path.join(self.scratch(), "samples.raw")
-        samples.tofile(path)
+        with open(path, "wb") as file:
+            write_samples(file, array, _sample_type(array).newbyteorder("<"))
         return path
 
     def start(self, command: list[str]) -> str:
         """Starts the server and returns the address that it prints once frames can be rendered."""
-        self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")
-        self._process = subprocess.Popen(
-            ["/bin/sh", "-c", _KEEPER, "isoscope-serve", *command],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            text=True,
-            start_new_session=True,
-        )
-        assert self._process.stdout is not None
-        address = self._process.stdout.readline().strip()
+        self._program = KeptProgram(command, pathlib.Path(self.scratch(), "server.log"))
+        address = self._program.first_line()
         if not address:
-            self._process.wait()
-            self._log.seek(0)
-            raise ProgramError(f"isoscope serve failed: {_last_line(self._log.read())}")
-        # The rest is not read: the program prints no more.
+            raise ProgramError(f"isoscope serve failed: {last_line(self._program.log_text())}")
         return address
 
     def close(self) -> None:
@@ -310,27 +386,11 @@ class _Server:
         if os.getpid() != self._pid:
             return
         atexit.unregister(self.close)
-        process, self._process = self._process, None
-        if process is not None:
-            _end(process)
-        if self._log is not None:
-            self._log.close()
+        if self.gateway is not None:
+            self.gateway.close()
+        program, self._program = self._program, None
+        if program is not None:
+            program.close()
         scratch, self._scratch = self._scratch, None
         if scratch is not None:
             shutil.rmtree(scratch, ignore_errors=True)
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """Lets frames in work finish, for a while; then kills."""
-    with contextlib.suppress(ProcessLookupError):
-        process.terminate()
-    try:
-        process.wait(timeout=15)
-    except subprocess.TimeoutExpired:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with contextlib.suppress(OSError):
-                pipe.close()

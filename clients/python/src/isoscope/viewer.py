@@ -1,10 +1,14 @@
 """`Dataset.view`: the surface under the mouse in a notebook cell, and the exact picture in any case.
 
-The browser's part is isoscope-view.js of clients/web as one module, which talks to the web gateway;
-Python is not in the way of a frame. With anywidget installed it is a widget whose state comes back to
-Python, and which gets its frames through the kernel where the browser can't reach the gateway; without,
-as in Debian's Notebook 6.4, the module is inlined in the cell's HTML. Either way the
-cell holds the exact PNG: a saved notebook shows it without a gateway, a kernel or a browser's memory.
+Frames go from the web gateway to the browser; Python is not in the way of one. A cell is one of these:
+
+    page       the gateway's page in a frame, with all controls: of `isoscope.serve`, which starts the gateway
+    widget     with anywidget: the state comes back to Python, and frames come through the kernel where the
+               browser can't reach the gateway
+    module     isoscope-view.js of clients/web, inlined in the cell's HTML: with a gateway of the user's
+    picture    without a gateway
+
+Each holds the exact PNG: a saved notebook shows it without a gateway, a kernel or a browser's memory.
 """
 
 from __future__ import annotations
@@ -17,15 +21,18 @@ import json
 import shlex
 import uuid
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
+from urllib.parse import urlencode
 
 from google.protobuf import json_format
 
 from isoscope import _answer, _core, _request, _viewer_module
 from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import isosurface_service_pb2 as pb
+from isoscope._serving.notebook_origins import notebook_origins
 from isoscope.camera import Camera, CameraLike
-from isoscope.errors import FailedPreconditionError, InvalidArgumentError
+from isoscope.errors import FailedPreconditionError, InvalidArgumentError, ProgramError
 from isoscope.look import ClipLike, SurfaceLike
 
 if TYPE_CHECKING:
@@ -35,6 +42,31 @@ if TYPE_CHECKING:
 _Dataset: TypeAlias = Any
 
 __all__ = ["View"]
+
+# What the page has beside and above the picture, CSS pixels: page.css.
+_PANEL_WIDTH, _BAR_HEIGHT = 328, 48
+# Below this the page is that of a phone.
+_LEAST_WIDTH, _LEAST_HEIGHT = 780, 440
+# Where pictures have none of their own.
+_BLACK = {"red": 0, "green": 0, "blue": 0, "alpha": 1}
+
+
+@dataclass(frozen=True)
+class _Gateway:
+    """The gateway of a view.
+
+    Attributes:
+        url: its address, as the browser reaches it; "" if there is none.
+        token: what it asks for; "" for nothing.
+        shows_page: whether the cell has its page.
+        problem: why there is none, if that is known.
+    """
+
+    url: str = ""
+    token: str = ""
+    shows_page: bool = False
+    problem: str = ""
+
 
 @functools.cache
 def _widget_class() -> Any:
@@ -67,23 +99,23 @@ class View:
         dataset: the `isoscope.Dataset` that is shown.
         gateway: address of the web gateway, as the browser reaches it; "" if there is none.
         size: (width, height) of the cell's picture in pixels.
-        widget: the anywidget behind it; None without anywidget.
+        widget: the anywidget behind it; None without anywidget, and where the cell has the gateway's page.
     """
 
     def __init__(
-        self, dataset: _Dataset, request: pb.RenderIsosurfaceRequest, size: tuple[int, int], gateway: str, token: str
+        self, dataset: _Dataset, request: pb.RenderIsosurfaceRequest, size: tuple[int, int], gateway: _Gateway
     ) -> None:
         self.dataset = dataset
-        self.gateway = gateway
+        self.gateway = gateway.url
         self.size = size
         self._request = request
-        self._token = token
+        self._gateway = gateway
         self._frame: Frame | None = None
         self._frame_request: bytes = b""
         self.widget: Any = None
-        cls = _widget_class()
+        cls = None if gateway.shows_page else _widget_class()
         if cls is not None:
-            widget = self.widget = cls(url=gateway, token=token, state=self._state(), height=size[1])
+            widget = self.widget = cls(url=gateway.url, token=gateway.token, state=self._state(), height=size[1])
             # For browsers that can't reach the gateway: the module decides when.
             def send(content: dict[str, Any], buffers: list[bytes]) -> None:
                 widget.send(content, buffers=buffers)
@@ -118,12 +150,15 @@ class View:
         return self.widget.picked if self.widget is not None else None
 
     def snapshot(self, size: tuple[int, int] | None = None) -> Frame:
-        """Returns the exact frame of what is shown, as `Dataset.render` gives it.
+        """Returns the exact frame of what is shown, as `Dataset.render` gives it; its warnings, too.
+
+        Without a widget that is what the view began with: the page keeps its state to itself.
 
         Args:
             size: (width, height), pixels; default: the view's.
         """
         request = self._current()
+        _request.ask_for_notes(request, self.dataset._client._capabilities)
         width, height = size or self.size
         request.viewport.width_px, request.viewport.height_px = width, height
         serialized = request.SerializeToString(deterministic=True)
@@ -136,6 +171,8 @@ class View:
         return f"View({self.dataset.name!r}, {self._how()})"
 
     def _how(self) -> str:
+        if self._gateway.shows_page:
+            return "the gateway's page"
         if _viewer_module.text() is None:
             return f"the exact picture: this package was built without {_viewer_module.NAME}"
         if self.widget is not None:
@@ -170,16 +207,68 @@ class View:
         return bundle
 
     def _html(self, picture: str) -> str:
-        """Returns the cell: the exact picture, and over it the live view once its first frame is there."""
+        """Returns the cell: the exact picture, and in its place what moves, once that is there."""
         width, height = self.size
         image = (
-            f'<img alt="isosurface of {html.escape(self.dataset.name, quote=True)}" width="{width}" height="{height}" '
+            f'<img alt="{html.escape(self._title(), quote=True)}" width="{width}" height="{height}" '
             f'style="max-width:100%;height:auto;display:block" src="data:image/png;base64,{picture}">'
         )
+        if self._gateway.shows_page:
+            return self._page_html(image)
         module = _viewer_module.text()
         if not self.gateway or module is None:
             return f'<div>{image}<div style="font-size:smaller">{html.escape(self._hint())}</div></div>'
-        options = {"url": self.gateway, "token": self._token or None, "state": self._state(), "wheel": "focused"}
+        return self._module_html(image, module)
+
+    def _title(self) -> str:
+        return f"isosurface of {self.dataset.name}"
+
+    def _page_html(self, image: str) -> str:
+        """Returns the picture with a script that puts the gateway's page in its place, if the browser gets there.
+
+        The gateway's own module makes the page's address of the state. The page that shows the cell gets the module
+        only if it is of an origin that the gateway knows: so both is tried before the picture goes.
+        """
+        width = max(self.size[0] + _PANEL_WIDTH, _LEAST_WIDTH)
+        height = max(self.size[1] + _BAR_HEIGHT, _LEAST_HEIGHT)
+        state = self._state()
+        state.setdefault("backgroundColor", _BLACK)
+        if not state.get("surfaces"):
+            state["surfaces"] = [{"isovalue": state.pop("isovalue", 0)}]
+        query = urlencode({"token": self._gateway.token} if self._gateway.token else {})
+        lost = (
+            f" does not get to {self.gateway}: its kernel has ended, or the browser is on another machine, or the page "
+            "has another origin, which view(origin=...) names."
+        )
+        return (
+            f'<div id="{(name := f"isoscope-{uuid.uuid4().hex}")}">{image}'
+            f'<div class="isoscope-note" style="font-size:smaller"></div></div>'
+            f"<script>(async () => {{\n"
+            f"const root = document.getElementById({json.dumps(name)});\n"
+            f"const base = new URL({_script_json(self.gateway.rstrip('/') + '/')}, document.baseURI);\n"
+            f"let words;\n"
+            f"try {{\n"
+            f"  const {{stateToHash}} = await import(new URL('view-state.js', base).href);\n"
+            f"  words = stateToHash({_script_json(state)});\n"
+            f"}} catch {{\n"
+            f"  root.querySelector('.isoscope-note').textContent = "
+            f"'The exact picture: this page, ' + location.origin + ',' + {_script_json(lost)};\n"
+            f"  return;\n"
+            f"}}\n"
+            f"const theme = document.body.dataset.jpThemeLight === 'false' ? 'dark' : 'light';\n"
+            f"const frame = document.createElement('iframe');\n"
+            f"frame.src = base.href + '?theme=' + theme + {_script_json('&' + query if query else '')} + '#' + words;\n"
+            f"frame.title = {_script_json(self._title())};\n"
+            f"frame.allow = 'clipboard-write; fullscreen';\n"
+            f"frame.style.cssText = 'display:block;border:0;max-width:100%;width:{width}px;height:{height}px';\n"
+            f"root.replaceChildren(frame);\n"
+            f"}})();</script>"
+        )
+
+    def _module_html(self, image: str, module: str) -> str:
+        """Returns the picture, and over it the viewer's module once its first frame is there."""
+        width, height = self.size
+        options = {"url": self.gateway, "token": self._gateway.token or None, "state": self._state(), "wheel": "focused"}
         # The module becomes a blob, so that an ordinary script of a cell's output can import it.
         return (
             f'<div id="{(name := f"isoscope-{uuid.uuid4().hex}")}" '
@@ -201,6 +290,8 @@ class View:
         if _viewer_module.text() is None:
             name = _viewer_module.NAME
             return f"The exact picture. This package was built without {name}: build the wheel from a checkout."
+        if self._gateway.problem:
+            return f"The exact picture. For the surface under the mouse no web gateway started: {self._gateway.problem}"
         return (
             "The exact picture. For the surface under the mouse, start the web gateway: "
             f"'isoscope-gateway --server {self._server_flags()} --allow-origin ORIGIN', with the origin of this "
@@ -231,6 +322,8 @@ def make_view(
     size: tuple[int, int],
     gateway: str | None,
     token: str | None,
+    page: bool | None,
+    origin: str | None,
     **selection: Any,
 ) -> View:
     """Returns the view of `Dataset.view`."""
@@ -241,11 +334,33 @@ def make_view(
                 f"dataset {dataset.name!r} has no suggested isovalue (its samples were not counted): give isovalue=..."
             )
         isovalue = suggestions[0].isovalue
-    if gateway is None:
-        gateway = dataset._client.capabilities().gateway_address or ""
-    if gateway and not gateway.startswith(("http://", "https://", "/")):
-        raise InvalidArgumentError(f"gateway {gateway!r}: must begin with http://, https:// or /")
     request = _request.frame(
         dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size, **selection
     )
-    return View(dataset, request, (request.viewport.width_px, request.viewport.height_px), gateway, token or "")
+    shown = _gateway_of(dataset, gateway, token, page, origin)
+    return View(dataset, request, (request.viewport.width_px, request.viewport.height_px), shown)
+
+
+def _gateway_of(
+    dataset: _Dataset, gateway: str | None, token: str | None, page: bool | None, origin: str | None
+) -> _Gateway:
+    """Returns the gateway that was given, else the one that the server names, else that of a client of `serve`."""
+    client = dataset._client
+    start = client._start_gateway
+    if origin is not None and (gateway is not None or start is None):
+        raise InvalidArgumentError(
+            f"origin {origin!r}: is for the gateway that a client of isoscope.serve starts; start your own with "
+            f"--allow-origin {origin}"
+        )
+    url = client.capabilities().gateway_address or "" if gateway is None else gateway
+    if url and not url.startswith(("http://", "https://", "/")):
+        raise InvalidArgumentError(f"gateway {url!r}: must begin with http://, https:// or /")
+    if url or start is None:
+        return _Gateway(url, token or "", shows_page=bool(url and page))
+    if not page and _widget_class() is not None:
+        return _Gateway()  # the widget gets its frames through the kernel
+    try:
+        started = start(notebook_origins() if origin is None else [origin])
+    except ProgramError as error:
+        return _Gateway(problem=error.message)
+    return _Gateway(started.url, started.token, shows_page=started.has_page and page is not False)

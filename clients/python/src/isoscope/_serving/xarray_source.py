@@ -1,0 +1,208 @@
+"""An xarray.DataArray or xarray.Dataset as a netCDF file, so that the rules of files hold for it.
+
+Dimensions, coordinates and attributes are written as they are; times as numbers, as xarray writes them. What is X, Y, Z
+and time, units, the direction of each axis, and whether its steps are even, is then found by `isoscope partition`, and
+its refusals name the variable and the axis (docs/formats.md, netCDF). Samples are written in parts: those of dask and
+of files that were opened lazily need not fit in memory.
+"""
+
+from __future__ import annotations
+
+import pathlib
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from isoscope._serving import netcdf_file
+from isoscope._serving.netcdf_file import Attribute, Variable
+from isoscope.errors import InvalidArgumentError
+
+# As core/source/grid/axis_order.cc and cf_words.cc have them.
+_VECTOR_AXES = ("component", "components", "channel", "channels", "c")
+_MEMBER_AXES = ("member", "members", "ensemble", "ensemble_member", "ens")
+
+_TEXTS = ("axis", "units", "standard_name", "long_name", "positive", "_Unsigned")
+_SCALES = ("scale_factor", "add_offset")
+_LIMITS = ("valid_min", "valid_max", "valid_range")
+_PACKING = ("_FillValue", "missing_value", *_SCALES, *_LIMITS)
+_MAX_NUMBERS = 64  # of an attribute
+_AXES_OF_A_VOLUME = 3
+_COMPONENTS = range(2, 10)
+
+
+def is_xarray(value: object) -> bool:
+    """Returns whether this is a DataArray or a Dataset; does not import xarray."""
+    xarray: Any = sys.modules.get("xarray")  # nobody has one before it is imported
+    return xarray is not None and isinstance(value, (xarray.DataArray, xarray.Dataset))
+
+
+def write(source: Any, path: pathlib.Path, vectors: bool | Sequence[str] = False) -> list[str]:
+    """Writes the variables of numbers with three dimensions or more; returns their names.
+
+    Args:
+        source: a DataArray or a Dataset.
+        vectors: names of the variables whose last dimension is that of components; True: all of them.
+
+    Raises:
+        InvalidArgumentError: there is no such variable; one is not of numbers; a dimension has a coordinate of texts.
+    """
+    arrays, coordinates = _parts_of(source)
+    fields = {name: array for name, array in arrays.items() if array.ndim >= _AXES_OF_A_VOLUME}
+    if not fields:
+        found = ", ".join(f"{name!r} {tuple(array.dims)}" for name, array in arrays.items()) or "none"
+        raise InvalidArgumentError(f"no variable has three dimensions or more; the variables are {found}")
+    renamed = _component_axes(fields, vectors, source.sizes)
+    used = {
+        dim: int(source.sizes[dim])
+        for name, array in fields.items()
+        for dim in (array.dims[:-1] if name in renamed else array.dims)
+    }
+    lengths = {_checked_name(dim, "dimension"): size for dim, size in used.items()}
+    lengths |= {new: int(fields[name].shape[-1]) for name, new in renamed.items()}
+    written = [_coordinate(dim, coordinates[dim].variable) for dim in used if _is_told(dim, coordinates)]
+    others = {
+        str(name): other
+        for name, other in coordinates.items()
+        if name not in used and 0 < other.ndim and set(other.dims) <= used.keys() and other.dtype.kind in "biuf"
+    }
+    written += [_coordinate(name, other.variable) for name, other in others.items()]
+    for name, array in fields.items():
+        dims = [str(dim) for dim in array.dims]
+        if name in renamed:
+            dims[-1] = renamed[name]
+        attributes = _attributes(array, (*_TEXTS, *_PACKING))
+        along = [
+            other for other, values in others.items() if set(values.dims) <= set(array.dims) and not _has_space(other)
+        ]
+        if along:
+            attributes["coordinates"] = " ".join(along)
+        written.append(Variable(_checked_name(name, "variable"), tuple(dims), _samples(name, array), attributes))
+    netcdf_file.write(path, lengths, written)
+    return [str(name) for name in fields]
+
+
+def _parts_of(source: Any) -> tuple[dict[Any, Any], Mapping[Any, Any]]:
+    """Returns the variables by name, and the coordinates."""
+    if hasattr(source, "data_vars"):
+        return {name: source[name].variable for name in source.data_vars}, source.coords
+    # A DataArray may have the name of one of its coordinates.
+    named = source.name is not None and source.name not in source.coords
+    return {source.name if named else "values": source.variable}, source.coords
+
+
+def _checked_name(name: Any, what: str) -> str:
+    text = str(name)
+    if not text or not text.isprintable() or "/" in text or ":" in text:
+        raise InvalidArgumentError(f"{what} {name!r}: a name must be text to print, without a slash or a colon")
+    return text
+
+
+def _has_space(text: str) -> bool:
+    return any(character.isspace() for character in text)
+
+
+def _component_axes(
+    fields: Mapping[Any, Any], vectors: bool | Sequence[str], sizes: Mapping[Any, int]
+) -> dict[Any, str]:
+    """Returns the dimension of components of each variable that `vectors` names, by a name that tells it."""
+    named = list(fields) if vectors is True else [] if vectors is False else list(vectors)
+    by_size: dict[int, str] = {}
+    found = {}
+    for name in named:
+        if name not in fields:
+            raise InvalidArgumentError(f"vectors names {name!r}: the variables are {', '.join(map(repr, fields))}")
+        array = fields[name]
+        count = int(array.shape[-1])
+        if array.ndim <= _AXES_OF_A_VOLUME or count not in _COMPONENTS:
+            raise InvalidArgumentError(
+                f"vectors names {name!r}, of the dimensions {tuple(array.dims)} and the shape {array.shape}: must be "
+                "three axes of space and then one of 2 to 9 components"
+            )
+        if array.dims[-1] in _VECTOR_AXES:
+            continue
+        free = [one for one in _VECTOR_AXES if one not in sizes and one not in by_size.values()]
+        if count not in by_size and not free:
+            raise InvalidArgumentError(f"vectors names variables of {len(by_size) + 1} counts of components: serve fewer")
+        found[name] = by_size.setdefault(count, free[0] if free else "")
+    return found
+
+
+def _is_told(dim: Any, coordinates: Mapping[Any, Any]) -> bool:
+    """Returns whether a dimension has a coordinate of numbers or times. Names tell only components apart."""
+    if dim not in coordinates:
+        return False
+    variable = coordinates[dim].variable
+    if variable.dtype.kind in "biuf" or _is_time(variable):
+        return True
+    is_components = dim in (*_VECTOR_AXES, *_MEMBER_AXES) or variable.attrs.get("standard_name") == "realization"
+    if not is_components:
+        raise InvalidArgumentError(
+            f"the coordinate {dim!r} is of {variable.dtype}, not of numbers: give it numbers, or drop it with "
+            f"drop_vars({dim!r}), to count its samples"
+        )
+    return False
+
+
+def _is_time(variable: Any) -> bool:
+    if variable.dtype.kind in "mM":
+        return True
+    if variable.dtype.kind != "O" or not variable.size:
+        return False
+    return type(np.ravel(variable.values)[0]).__module__.partition(".")[0] == "cftime"
+
+
+def _coordinate(name: Any, variable: Any) -> Variable:
+    if _is_time(variable):
+        conventions: Any = sys.modules["xarray"].conventions
+        variable = conventions.encode_cf_variable(variable, name=name)
+        variable.attrs.setdefault("axis", "T")
+    dims = tuple(map(str, variable.dims))
+    return Variable(_checked_name(name, "coordinate"), dims, _samples(name, variable), _attributes(variable, _TEXTS))
+
+
+def _attributes(variable: Any, names: Sequence[str]) -> dict[str, Attribute]:
+    """Returns those of an array that mean something to the reader.
+
+    Limits are of values as they are stored: of an array that xarray has unpacked they mean nothing any more.
+    """
+    found: dict[str, Attribute] = {}
+    is_unpacked = any(name in variable.encoding for name in _SCALES)
+    for name in names:
+        value = variable.attrs.get(name)
+        if value is None or (is_unpacked and name in _LIMITS):
+            continue
+        if isinstance(value, str):
+            if name in _TEXTS:
+                found[name] = value
+            continue
+        numbers = np.asarray(value)
+        if name in _PACKING and numbers.dtype.kind in "iuf" and 1 <= numbers.size <= _MAX_NUMBERS:
+            found[name] = numbers if numbers.dtype.name in netcdf_file.TYPES else numbers.astype(np.float64)
+    return found
+
+
+class _Samples:
+    """The samples of an xarray.Variable, which are read when they are written, as a type that files have."""
+
+    def __init__(self, variable: Any, dtype: np.dtype[Any]) -> None:
+        self.shape: tuple[int, ...] = variable.shape
+        self.dtype = dtype
+        self.chunks = variable.chunks
+        self._variable = variable
+
+    def __getitem__(self, index: tuple[slice, ...]) -> npt.NDArray[Any]:
+        return np.asarray(self._variable[index].values, self.dtype)
+
+
+def _samples(name: Any, variable: Any) -> _Samples:
+    exact = {"bool": "uint8", "float16": "float32"}
+    dtype = exact.get(variable.dtype.name, variable.dtype.name)
+    if dtype not in netcdf_file.TYPES:
+        raise InvalidArgumentError(
+            f"variable {name!r} is of {variable.dtype}: must be one of {', '.join(netcdf_file.TYPES)}; convert it with "
+            f"astype(...), or leave it out with drop_vars({name!r})"
+        )
+    return _Samples(variable, np.dtype(dtype))
