@@ -375,6 +375,64 @@ def test_a_child_that_was_forked_in_a_call_refuses_calls_and_its_parent_goes_on(
     assert lines[3:] == ["True", "shells", "False shells"]
 
 
+THREADS_AROUND_A_FORK = """
+import contextlib, os, sys
+import isoscope
+
+def executor_threads():
+    found = []
+    for task in os.listdir("/proc/self/task"):
+        with contextlib.suppress(OSError), open(f"/proc/self/task/{task}/comm") as name:
+            if name.read().strip() in ("default-executo", "resolver-execut"):
+                found.append(task)
+    return sorted(found)
+
+client = isoscope.connect(sys.argv[1], token_file=sys.argv[2])
+client["shells"]
+with client._channel.call_at_work():
+    before = executor_threads()
+    child = os.fork()
+    if child == 0:
+        os._exit(0)
+    os.waitpid(child, 0)
+    print(len(before) > 0, executor_threads() == before)
+"""
+
+
+def test_grpc_does_not_end_its_threads_at_a_fork_in_a_call(client):
+    """Its own handlers do, and then wait for a thread that waits for the fork to end: this hung on a busy machine."""
+    command = [sys.executable, "-c", THREADS_AROUND_A_FORK, client.address, client.token_file]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "True True", done.stdout + done.stderr
+
+
+FORK_BEFORE_THREADS_HAVE_NAMES = """
+import os, sys
+import isoscope
+from isoscope import _process_channel
+
+_process_channel._has_core_threads = lambda: False
+client = isoscope.connect(sys.argv[1], token_file=sys.argv[2])
+client._channel.get()
+with client._channel.call_at_work():
+    child = os.fork()
+    if child == 0:
+        try:
+            client["shells"]
+        except isoscope.FailedPreconditionError:
+            os._exit(0)
+        os._exit(1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+def test_a_child_of_an_open_channel_refuses_calls_though_no_thread_of_grpc_has_its_name_yet(client):
+    """A new thread has its creator's name until it runs; the child's copy of gRPC would wait for it for ever."""
+    command = [sys.executable, "-c", FORK_BEFORE_THREADS_HAVE_NAMES, client.address, client.token_file]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "0", done.stderr
+
+
 def test_threads_share_a_client(dataset):
     expected = {angle: dataset.render(127.5, size=32, azimuth=angle).png for angle in (0, 40, 80)}
     wrong = []

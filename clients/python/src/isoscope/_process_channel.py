@@ -1,11 +1,13 @@
 """One channel for each process, and what a fork does to it.
 
 gRPC's threads do not follow into a forked child, so its core works there only if it was shut down before. gRPC's own
-handlers (GRPC_ENABLE_FORK_SUPPORT) stay off: those of version 1.51 ended 3 of 100 children on a busy machine.
+handlers are off (isoscope._environment): on a busy machine those of version 1.51 ended 3 of 100 children, and now and
+then a parent that forked during a call hung.
 
 1. Before a fork, channels without a call at work are closed, and gRPC ends its threads, in some milliseconds.
 2. Afterwards each process makes a channel at its next call.
-3. If gRPC's threads were there still, because of a call or of another channel, the child's calls are refused.
+3. If a channel stayed open, or gRPC's threads were there still, because of a call or of another channel, the child's
+   calls are refused. Threads alone do not tell: on a busy machine a new one has not taken its name yet.
 """
 
 from __future__ import annotations
@@ -84,6 +86,10 @@ class ProcessChannel:
             with self._lock:
                 self._calls -= 1
 
+    def _is_open_here(self) -> bool:
+        """Whether this process has a channel here that is not closed."""
+        return self._channel is not None and self._pid == os.getpid()
+
     @property
     def is_closed(self) -> bool:
         """Whether calls are refused."""
@@ -92,7 +98,7 @@ class ProcessChannel:
     def take_to_close(self) -> Any:
         """Returns the channel to close, or None, and refuses calls from now on."""
         with self._lock:
-            channel = self._channel if self._pid == os.getpid() else None
+            channel = self._channel if self._is_open_here() else None
             self._channel, self._closed = None, True
             return channel
 
@@ -135,11 +141,12 @@ def _close_idle(channel: ProcessChannel) -> bool:
 def _before_fork() -> None:
     """Closes the channels without a call, and waits until gRPC has ended its threads."""
     global _was_at_work
-    has_closed = [_close_idle(channel) for channel in list(_CHANNELS)]
+    channels = list(_CHANNELS)
+    has_closed = [_close_idle(channel) for channel in channels]
     end = time.monotonic() + (_SHUTDOWN_SECONDS if any(has_closed) else 0)
     while (at_work := _has_core_threads()) and time.monotonic() < end:
         time.sleep(0.001)
-    _was_at_work = at_work
+    _was_at_work = at_work or any(channel._is_open_here() for channel in channels)
 
 
 def _in_child() -> None:
