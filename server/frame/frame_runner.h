@@ -20,6 +20,7 @@
 #include "server/frame/active_blocks.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/coordinator_state.h"
+#include "server/frame/drawn_blocks.h"
 #include "server/frame/frame_coordinator.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
@@ -39,6 +40,18 @@ struct FrameTarget {
 
 using wire::AskedFrame;
 
+// The place of a drawing among those of its call.
+struct DrawingContext {
+  // The blocks that earlier bands of the picture have drawn: agents do not count them again, and the
+  // result has its own. Null: the drawing counts by itself.
+  const DrawnBlocks* drawn = nullptr;
+  int drawing_count = 1;  // of the call; they share the spans of its trace
+};
+
+// Returns true if the frame may work with fewer pixels: an agent, or the coordinator, has no memory
+// for as many at a time.
+bool MayWorkSmaller(const absl::Status& status);
+
 // Thread-safe.
 class FrameRunner {
  public:
@@ -56,8 +69,10 @@ class FrameRunner {
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
   // With allow_partial, `parts` loses those that no agent could do, and the frame shows the others.
+  // If it loses some after a band, the picture must be begun again.
   absl::StatusOr<FrameResult> Run(const FrameIdentity& identity, const AskedFrame& asked,
-                                  const FrameTarget& target, std::vector<FramePart>* parts);
+                                  const FrameTarget& target, std::vector<FramePart>* parts,
+                                  const DrawingContext& context = {});
   // Sets the missing shards of a frame of `parts`, if any, and the share of the surface that it
   // has.
   absl::Status AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
