@@ -2,8 +2,8 @@
 // drawn (26 bytes a pixel), 4 MiB encoded, 4 MiB of gRPC's copy and 1 MiB besides: 35 MiB. Each of
 // max_layers + 1 layers would add 20 MiB.
 //
-// In bands, 8192 x 8192 pixels as an opaque PNG take 256 MiB while it is encoded row by row, and as
-// much again while it is sent in one message. The bands share what is left of the limit meanwhile.
+// In bands, 8192 x 8192 pixels as an opaque PNG take 193 MiB at the end of its encoding row by row,
+// and as much again while it is sent in one message. A band has a share of what is left meanwhile.
 
 #include "server/admission/frame_bytes.h"
 
@@ -28,6 +28,8 @@ constexpr std::size_t kLayerBytesPerPixel = 12 + kBandBytesPerPixel;
 constexpr std::size_t kPictureImageBytesPerPixel = 12;
 // An encoded picture of noise is as large as its pixels, and a little more.
 constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
+// A PNG over an opaque background has three channels; a 64th is more than a little.
+constexpr std::size_t OpaquePngBytes(std::size_t pixels) { return 3 * pixels + pixels / 64; }
 // Every frame needs this much besides: messages, lists of blocks.
 constexpr std::size_t kLeastFrameBytes = base::kMiB;
 
@@ -90,18 +92,19 @@ BandedBytes BandedBytesOf(const frame::FrameSpec& spec, const view::Viewport& ba
   const view::Viewport picture = frame::ImageSizeOf(spec);
   const std::size_t pixels = PixelsOf(picture);
   const std::size_t raw = frame::RawBytesPerPixel(spec.output);
-  const std::size_t response = ResponseBytesPerPixel(spec.output);
-  const bool is_held = IsCompressed(spec.output) && !IsEncodedByRows(spec);
+  const bool is_by_rows = IsEncodedByRows(spec);
+  const std::size_t compressed = is_by_rows                  ? OpaquePngBytes(pixels)
+                                 : IsCompressed(spec.output) ? pixels * kPictureBytesPerPixel
+                                                             : 0;
+  const std::size_t response = pixels * raw + compressed;
   BandedBytes bytes;
-  bytes.kept = pixels * response + kLeastFrameBytes;
+  bytes.kept = response + kLeastFrameBytes;
   // Its images, its planes, and the pixels of its row of bands.
-  bytes.band =
-      DrawnBytes(BandInTheMiddle(spec, band)) + PixelsOf(band) * raw +
-      (IsEncodedByRows(spec) ? PixelsOf({picture.width_px, band.height_px}) * frame::kRgba8Bytes
-                             : 0);
+  bytes.band = DrawnBytes(BandInTheMiddle(spec, band)) + PixelsOf(band) * raw +
+               (is_by_rows ? PixelsOf({picture.width_px, band.height_px}) * frame::kRgba8Bytes : 0);
   // Pixels, stripes, and the picture that is made of these.
-  bytes.encode = pixels * (is_held ? raw + 3 * kPictureBytesPerPixel : response) + kLeastFrameBytes;
-  bytes.send = pixels * (delivery == Delivery::kWhole ? 2 * response : response) + kLeastFrameBytes;
+  bytes.encode = response + (is_by_rows ? 0 : 2 * compressed) + kLeastFrameBytes;
+  bytes.send = (delivery == Delivery::kWhole ? 2 * response : response) + kLeastFrameBytes;
   return bytes;
 }
 
