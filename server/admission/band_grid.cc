@@ -16,6 +16,9 @@ namespace {
 // The cost of a band besides its pixels, in drawn pixels.
 constexpr std::int64_t kBandCostPx = std::int64_t{1} << 18;
 
+// More columns must be cheaper by this share: whole rows are joined and encoded sooner.
+constexpr std::int64_t kColumnsWorth = 16;
+
 int DivideUp(int value, int divisor) { return (value + divisor - 1) / divisor; }
 
 // The greatest height in [least, most] that fits. REQUIRES: `least` fits.
@@ -90,7 +93,7 @@ std::optional<BandGrid> BestBands(const frame::FrameSpec& spec,
     const int rows = DivideUp(picture.height_px, height);
     const BandGrid grid(picture, {width, DivideUp(picture.height_px, rows)});
     const std::int64_t cost = CostOf(spec, grid);
-    if (!best.has_value() || cost < best_cost) {
+    if (!best.has_value() || cost + cost / kColumnsWorth < best_cost) {
       best = grid;
       best_cost = cost;
     }
