@@ -9,7 +9,7 @@
 // A frame is drawn at once if it fits the share of frames, one view and the agents of this process.
 // Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share, because
 // the end of one band overlaps with the begin of the next: allocators return memory late. The same
-// 3/4 hold for agents. So the rest is for frames of other callers, too.
+// 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
 //
 // A frame that neither way fits is refused. The limit that the refusal names is the least with which
 // the smallest band fits.
@@ -131,15 +131,13 @@ bool CoordinatorMemory::AgentsFit(const frame::FrameSpec& spec, std::size_t limi
   return agent_limit_ == nullptr || agent_limit_(spec) <= limit_bytes;
 }
 
-// The agents' least limit for a band may be that for the whole: OpenGL always draws the whole.
+// A band takes 3/4 of what agents have for pixels: one that is a third higher would fit, too. OpenGL
+// takes the same for each band, the whole.
 bool CoordinatorMemory::AgentsFitBand(const frame::FrameSpec& spec, const view::Viewport& band,
                                       std::size_t limit_bytes) const {
-  if (agent_limit_ == nullptr) {
-    return true;
-  }
-  const std::size_t needed = agent_limit_(BandInTheMiddle(spec, band));
-  const std::size_t share = std::max(BandShareOf(limit_bytes), std::size_t{kMinLimitBytes});
-  return needed <= share || (needed <= limit_bytes && needed == agent_limit_(WithAllMargins(spec)));
+  const int height =
+      std::min(band.height_px + band.height_px / 3, frame::ImageSizeOf(spec).height_px);
+  return AgentsFit(BandInTheMiddle(spec, {band.width_px, height}), limit_bytes);
 }
 
 bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
