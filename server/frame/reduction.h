@@ -56,9 +56,9 @@ struct ReductionSetup {
 
 // The blocks that a part draws in steps 2 and 3; ascending.
 struct PartBlocks {
-  std::vector<volume::BlockId> occluders;
-  std::vector<volume::BlockId> visible;
-  std::string open_pixels;  // EncodeOpenPixels of `visible`; empty with a mask
+  std::vector<volume::BlockId> occluders = {};
+  std::vector<volume::BlockId> visible = {};
+  std::string open_pixels = {};  // EncodeOpenPixels of `visible`; empty with a mask
 };
 
 struct ReducedFrame {
