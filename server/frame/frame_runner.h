@@ -19,6 +19,7 @@
 #include "server/cluster/series_state.h"
 #include "server/frame/active_blocks.h"
 #include "server/frame/agent_queries.h"
+#include "server/frame/agent_room.h"
 #include "server/frame/coordinator_state.h"
 #include "server/frame/drawn_blocks.h"
 #include "server/frame/frame_coordinator.h"
@@ -80,6 +81,7 @@ class FrameRunner {
                                 FrameCost* cost);
 
   [[nodiscard]] CoordinatorState& state() const { return state_; }
+  [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
   }
@@ -95,6 +97,7 @@ class FrameRunner {
 
   CoordinatorState& state_;
   ActiveBlocksCache active_blocks_;
+  AgentRoom agent_room_;
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

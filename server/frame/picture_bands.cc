@@ -2,7 +2,8 @@
 //
 // 1. RenderOutput asks for the plan, which the memory of the coordinator decides, and knows agents of
 //    its own process. Agents elsewhere say that a band is too large; then all begins again with bands
-//    of half the pixels. These are at most some twenty tries, of which all but the last draw little.
+//    of half the pixels, which AgentRoom keeps for the next frames. These are at most some twenty
+//    tries, of which all but the last draw little.
 // 2. RenderAllBands draws one band after another, each as a region of the picture.
 // 3. RenderBands begins again, with the parts that are left, if a part is lost in between
 //    (allow_partial).
@@ -29,6 +30,10 @@ std::size_t DrawnPixelsOf(const frame::FrameSpec& spec) {
   return static_cast<std::size_t>(drawn.width_px) * static_cast<std::size_t>(drawn.height_px);
 }
 
+int DrawnLayersOf(const frame::FrameSpec& spec) {
+  return frame::HasLayers(spec) ? spec.max_layers : 0;
+}
+
 bool DrawnByOpenGl(const FrameTarget& target, const frame::FrameSpec& spec) {
   return frame::DrawnBy(spec, target.dataset->picture_revision.back_end) == frame::BackEnd::kEgl;
 }
@@ -47,7 +52,7 @@ absl::Status NamedForOpenGl(const absl::Status& error) {
 absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                                       FrameOutput* output) {
   FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
-  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, ticket_->PlanFrame(asked_.spec, needs));
+  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
   for (;;) {
     StartAgain(output);
     const absl::Status status = bands.count() == 1 ? RenderAtOnce(target, on_drawn, output)
@@ -66,11 +71,29 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
     if (!smaller.ok()) {
       return status;
     }
+    runner_.agent_room().Note(target.dataset->dataset.dataset_id(), DrawnLayersOf(asked_.spec),
+                              needs.max_drawn_pixels);
     base::LogInfo("frame_in_smaller_bands", {{"request", ticket_->request().request_id()},
                                              {"bands", smaller->count()},
                                              {"status", status}});
     bands = *smaller;
   }
+}
+
+// Begins with bands that agents had room for, if they refused larger ones lately.
+absl::StatusOr<BandGrid> PictureJob::FirstPlan(const FrameTarget& target, FrameNeeds* needs) {
+  const std::size_t room = runner_.agent_room().MostPixels(target.dataset->dataset.dataset_id(),
+                                                           DrawnLayersOf(asked_.spec));
+  if (room > 0 && DrawnPixelsOf(asked_.spec) > room) {
+    FrameNeeds within = *needs;
+    within.max_drawn_pixels = room;
+    const absl::StatusOr<BandGrid> bands = ticket_->PlanFrame(asked_.spec, within);
+    if (bands.ok()) {
+      *needs = within;
+      return *bands;
+    }
+  }
+  return ticket_->PlanFrame(asked_.spec, *needs);
 }
 
 absl::Status PictureJob::RenderBands(const FrameTarget& target, const BandGrid& bands,

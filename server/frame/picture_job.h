@@ -103,6 +103,7 @@ class PictureJob {
 
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
+  absl::StatusOr<BandGrid> FirstPlan(const FrameTarget& target, FrameNeeds* needs);
   absl::Status RenderAtOnce(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
   absl::Status RenderBands(const FrameTarget& target, const BandGrid& bands,

@@ -252,6 +252,12 @@ TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForTheWholeGetsSmallerBands) {
   EXPECT_GT(response.statistics().band_count(), 200 * 180 / kMostPixels);
   EXPECT_EQ(drawn.load(), response.statistics().band_count());
   EXPECT_GT(refused.load(), 1);
+  // The next frame begins with them.
+  const int refused_before = refused.load();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto next, Render(FrameRequest(200, 180)));
+  EXPECT_EQ(next.statistics().band_count(), response.statistics().band_count());
+  EXPECT_EQ(next.png(), response.png());
+  EXPECT_EQ(refused.load(), refused_before);
   // Bands of fewer pixels than the least are no way out: the agent's advice reaches the client.
   coordinator_.reset();
   first_.Stop();
