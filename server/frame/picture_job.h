@@ -6,13 +6,12 @@
 //    the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
+// 4. With notes, surfaces that do not show are looked for (surface_notes).
 //
 // What does not fit memory, of the coordinator or of an agent, is drawn in bands: regions of the
 // picture, each with steps 2 and 3, that a BandJoiner joins. Camera and colour ranges are resolved
 // before, for the whole. If an agent has no memory for a band, all begins again with bands of half the
 // pixels. DrawnBlocks keeps what was counted.
-//
-// 4. With notes, surfaces that do not show are looked for (surface_notes).
 //
 // A picture with several samples, or with effects that read neighbouring pixels, is drawn in a
 // larger window (core/frame/drawn_window) and finished by picture_finish. Planes are those of one
@@ -90,7 +89,6 @@ class PictureJob {
   PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
              int depth_grid_side);
 
-  absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
   // What is drawn at a time: the picture, or a band of it.
   struct Piece {
     const frame::FrameSpec& spec;
@@ -101,6 +99,7 @@ class PictureJob {
     BandJoiner* joiner = nullptr;  // gets the picture of a band; null: it is encoded
   };
 
+  absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
   absl::StatusOr<BandGrid> FirstPlan(const FrameTarget& target, FrameNeeds* needs);
