@@ -22,6 +22,9 @@ export function suggestedIsovalue(dataset, selection) {
   return best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2;
 }
 
+/** The labels that the samples suggest; none: they are no labels. @returns {number[]} */
+export const suggestedLabels = () => histogram?.suggestedLabels ?? [];
+
 function chartHint() {
   return !histogram ? '' : histogram.hasSampleCounts ? 'Drag a line; double-click adds a surface.'
     : 'Active blocks by isovalue: partition this dataset anew to count its samples.';

@@ -13,10 +13,10 @@ import { drawClip, listenToClip } from './clip.js';
 import { addCost, watchAgents } from './cost.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
-import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
+import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue, suggestedLabels } from './histogram.js';
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
-import { withColors } from './label-sets.js';
-import { drawLabels, listenToLabels } from './labels.js';
+import { allLabels, withColors } from './label-sets.js';
+import { allowSmooth, drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook } from './look.js';
 import { say } from './messages.js';
 import { client, drawControlsBy, redraw, shown, start, stateOfAddress, theme } from './page-view.js';
@@ -24,7 +24,7 @@ import { clearPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { BACKGROUNDS, PALETTE, format, fromHex } from './values.js';
-import { stateToHash } from './view-state.js';
+import { stateToHash, stateToLink } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -57,13 +57,15 @@ shown.addEventListener('state', () => {
   clearTimeout(hashTimer);
   hashTimer = window.setTimeout(() => {
     if (shown.hasState) {
-      history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
+      history.replaceState(null, '', `#${stateToLink(shown.getState(), shown.dataset)}`);
     }
   }, 250);
 });
 window.addEventListener('hashchange', () => {
   const { state, problems } = stateOfAddress();
-  if (stateToHash(state) !== stateToHash(shown.getState())) {
+  // A link has not the colours of the dataset.
+  const colored = state.surfaces ? { ...state, surfaces: withColors(state.surfaces, shown.dataset) } : state;
+  if (stateToHash(colored) !== stateToHash(shown.getState())) {
     open(state, problems);
   }
 });
@@ -100,7 +102,9 @@ async function loadDatasets() {
     // A gateway that does not know its coordinator's abilities still shows pictures.
     const abilities = client.get('v1/capabilities').catch(() => ({}));
     datasets = (await client.get('v1/datasets')).datasets ?? [];
-    hasNotes = ((await abilities).features ?? []).includes('notes');
+    const { features = [] } = await abilities;
+    hasNotes = features.includes('notes');
+    allowSmooth(features.includes('smooth_labels'));
   } catch (error) {
     say(/** @type {Error} */ (error).message, true);
     return;
@@ -113,7 +117,7 @@ async function loadDatasets() {
 }
 
 /**
- * Shows a state. If it has no surface, the histogram suggests an isovalue; if it has no camera, the server
+ * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, the server
  * chooses it, as for every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
@@ -134,7 +138,8 @@ async function open(state, problems) {
   await loadHistogram(dataset, state.selection);
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
-  filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
+  const labels = allLabels(dataset, suggestedLabels().map((value) => ({ value })));
+  filled.surfaces ??= labels.length > 0 ? labels : [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
   filled.surfaces = withColors(filled.surfaces, dataset);
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);

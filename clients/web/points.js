@@ -3,6 +3,7 @@
 
 import { make, page } from './elements.js';
 import { boxOfDataset } from './isoscope-view.js';
+import { pickLabel } from './labels.js';
 import { announcer, say } from './messages.js';
 import { client, shown, unit } from './page-view.js';
 import { hasAllFields, valuesOf } from './series.js';
@@ -31,6 +32,9 @@ export function listenToPoints(series) {
         const { position = {} } = point;
         picks = [...picks.slice(-1), { position: [position.x ?? 0, position.y ?? 0, position.z ?? 0],
           isovalue: frame.surfaces?.[point.surfaceIndex ?? 0]?.isovalue ?? 0, point }];
+      }
+      if (point?.label !== undefined) {
+        pickLabel(point.label);
       }
       drawPoints();
       announcer.say(sentenceOfPicks());
