@@ -14,10 +14,10 @@ using math::Index3;
 
 // No label loses more than half of its width: thin ones stay.
 constexpr double kLeastFraction = 0.25;
-constexpr std::array<int, 3> kWeights{1, 2, 1};
+constexpr std::array<int, 3> kLabelWeights{1, 2, 1};
 
 // lower, upper: d at both ends of the edge, times 64
-double FractionOf(int lower, int upper) {
+double FractionOfShares(int lower, int upper) {
   if (lower > 0 && upper < 0) {
     // Whole numbers of at most 64: the quotient is rounded once, and the same if both signs change.
     return std::clamp(static_cast<double>(lower) / static_cast<double>(lower - upper),
@@ -30,7 +30,7 @@ double FractionOf(int lower, int upper) {
 }
 
 template <typename T>
-double FractionAt(const char* bytes, const Index3& dims, const Index3& lower, int axis) {
+double SmoothFractionAt(const char* bytes, const Index3& dims, const Index3& lower, int axis) {
   const std::array<std::int64_t, 3> strides{1, dims.x, dims.x * dims.y};
   // By axis: offsets of the samples before, at, after, and two after the lower one.
   std::array<std::array<std::size_t, 4>, 3> offsets{};
@@ -52,14 +52,14 @@ double FractionAt(const char* bytes, const Index3& dims, const Index3& lower, in
   std::array<int, 4> layers{};  // the weighted difference of both labels in each layer
   for (std::size_t j = 0; j < 3; ++j) {
     for (std::size_t i = 0; i < 3; ++i) {
-      const int weight = kWeights[i] * kWeights[j];
+      const int weight = kLabelWeights[i] * kLabelWeights[j];
       for (std::size_t k = 0; k < 4; ++k) {
         const T label = load(along[k] + across[i] + beside[j]);
         layers[k] += label == lower_label ? weight : label == upper_label ? -weight : 0;
       }
     }
   }
-  return FractionOf(layers[0] + 2 * layers[1] + layers[2], layers[1] + 2 * layers[2] + layers[3]);
+  return FractionOfShares(layers[0] + 2 * layers[1] + layers[2], layers[1] + 2 * layers[2] + layers[3]);
 }
 
 }  // namespace
@@ -67,7 +67,7 @@ double FractionAt(const char* bytes, const Index3& dims, const Index3& lower, in
 double SmoothFraction(const volume::BlockSamples& samples, const math::IndexBox& stored,
                       const Index3& lower, int axis) {
   return volume::VisitScalarType(samples.type, [&]<typename T>() {
-    return FractionAt<T>(samples.bytes, stored.dims(), lower - stored.begin, axis);
+    return SmoothFractionAt<T>(samples.bytes, stored.dims(), lower - stored.begin, axis);
   });
 }
 
@@ -76,7 +76,7 @@ void FillSmoothFractions(const volume::BlockSamples& samples, const Index3& dims
   volume::VisitScalarType(samples.type, [&]<typename T>() {
     for (std::size_t i = 0; i < lower_samples.size(); ++i) {
       const auto sample = static_cast<std::int64_t>(lower_samples[i]);
-      fractions[i] = FractionAt<T>(
+      fractions[i] = SmoothFractionAt<T>(
           samples.bytes, dims,
           {sample % dims.x, sample / dims.x % dims.y, sample / (dims.x * dims.y)}, axis);
     }

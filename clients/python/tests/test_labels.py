@@ -177,12 +177,12 @@ def test_a_segmentation_suggests_its_labels_and_other_samples_none(programs, box
 def test_smooth_labels_move_vertices_and_keep_the_triangles_closed(boxes):
     rough, smooth = (boxes.mesh(labels="all", smooth_labels=smooth) for smooth in (False, True))
     assert np.array_equal(rough.triangles, smooth.triangles) and smooth.is_closed
-    moved = np.abs(rough.vertices - smooth.vertices)
+    moved = np.abs(rough.points - smooth.points)
     assert 0 < moved.max() <= 0.25
     assert (np.count_nonzero(moved, axis=1) <= 1).all()  # along the edge alone
     assert boxes.render(labels="all", smooth_labels=True, size=96).png != boxes.render(labels="all", size=96).png
     with pytest.raises(InvalidArgumentError, match="clip"):
-        boxes.mesh(labels="all", smooth_labels=True, clip=isoscope.Clip(planes=[((1, 0, 0), 12)]))
+        boxes.mesh(labels="all", smooth_labels=True, clip=isoscope.Clip(planes=[(1, 0, 0, 12)]))
 
 
 def test_the_async_client_has_the_same(boxes):
