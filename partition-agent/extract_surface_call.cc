@@ -135,9 +135,9 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   absl::Status Extract() {
     ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(request_));
     ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request_));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        rule_, wire::InsideRuleFromProto(request_.isovalue(), request_.labels(),
-                                         request_.smooth_labels(), /*path=*/""));
+    ISOSCOPE_ASSIGN_OR_RETURN(rule_,
+                              wire::InsideRuleFromProto(request_.isovalue(), request_.labels(),
+                                                        request_.smooth_labels(), /*path=*/""));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                               wire::ClipRegionFromProto(request_.clip(), "clip"));
     ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,

@@ -46,7 +46,7 @@ namespace {
 // explains each name.
 constexpr std::array<const char*, 10> kFeatures = {
     "closed_meshes", "dataset_id", "draining_agents", "error_info", "label_values",
-    "labels",        "nan_color",  "notes",           "pages",     "smooth_labels"};
+    "labels",        "nan_color",  "notes",           "pages",      "smooth_labels"};
 
 isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
   isoscope::v1::GetCapabilitiesResponse capabilities;

@@ -210,7 +210,8 @@ absl::StatusOr<frame::ColorRange> GradientRangeOf(const v1::Dataset& dataset,
 // The surface of a request that lists none.
 absl::StatusOr<frame::Surface> OnlySurfaceFromProto(const v1::RenderIsosurfaceRequest& request) {
   frame::Surface surface;
-  ISOSCOPE_ASSIGN_OR_RETURN(surface.rule, InsideRuleFromProto(request.isovalue(), {}, /*smooths=*/false, ""));
+  ISOSCOPE_ASSIGN_OR_RETURN(surface.rule,
+                            InsideRuleFromProto(request.isovalue(), {}, /*smooths=*/false, ""));
   if (request.has_base_color()) {
     ISOSCOPE_RETURN_IF_ERROR(SetColor(request.base_color(), "base_color", &surface));
   }

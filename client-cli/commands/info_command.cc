@@ -237,8 +237,8 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
       (few_values && !volume::SuggestLabels(source->info().type, *few_values, labels).empty());
   if (is_single && is_segmentation) {
     // An isovalue between two labels means nothing.
-    volume["commands"] = Json::array({absl::StrCat(
-        "isoscope render ", InputAsTyped(flags, kRenderFlagNames), " --labels all")});
+    volume["commands"] = Json::array(
+        {absl::StrCat("isoscope render ", InputAsTyped(flags, kRenderFlagNames), " --labels all")});
   }
   Json json;
   json["volume"] = std::move(volume);

@@ -173,8 +173,7 @@ struct FirstSurfaces {
 // Returns the isovalue to begin with; not set for labels, which the page chooses by the same
 // suggestion. Without a histogram any value will do: the page can change it.
 absl::StatusOr<std::optional<double>> ChooseIsovalue(const ViewFlags& flags,
-                                                     const v1::Dataset& dataset,
-                                                     Session* session) {
+                                                     const v1::Dataset& dataset, Session* session) {
   if (flags.isovalue) {
     return flags.isovalue;
   }
@@ -371,8 +370,8 @@ std::string ViewAddress(absl::string_view page, const std::string& dataset,
     absl::StrAppend(&address, "&labels=", gateway::EscapeQueryValue(TextOfValues(values)));
   } else {
     for (std::size_t i = 0; i < label.surfaces.size(); ++i) {
-      absl::StrAppend(&address, "&label=",
-                      gateway::EscapeQueryValue(TextOf(label.surfaces[i], label.sets[i])));
+      absl::StrAppend(
+          &address, "&label=", gateway::EscapeQueryValue(TextOf(label.surfaces[i], label.sets[i])));
     }
   }
   return label.smooths ? absl::StrCat(address, "&smooth-labels=1") : address;

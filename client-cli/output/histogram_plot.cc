@@ -159,8 +159,7 @@ std::string DrawHistogram(const v1::GetHistogramResponse& histogram, const PlotO
                     "anew for counts and suggestions\n");
   } else if (!histogram.suggested_labels().empty()) {
     absl::StrAppend(&text, "suggested:\n", absl::StrFormat("  %-23s ", "--labels all"),
-                    "the samples are labels, it seems: ", histogram.suggested_labels_size(),
-                    "\n");
+                    "the samples are labels, it seems: ", histogram.suggested_labels_size(), "\n");
   } else if (histogram.suggestions().empty()) {
     absl::StrAppend(&text, "no isovalue is suggested: all samples lie in one bin\n");
   } else {

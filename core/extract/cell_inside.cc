@@ -174,13 +174,12 @@ bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell
 bool IsInsideSmoothCell(const volume::BlockSamples& samples, const math::IndexBox& stored,
                         const math::Index3& cell, const Vec3d& position,
                         const volume::InsideRule& rule) {
-  return IsInsideLabels(volume::SamplesOfCell(samples, stored, cell), cell, position, rule,
-                        [&](int edge) {
-                          const int lower = CornersOfEdge(edge).lower;
-                          return SmoothFraction(
-                              samples, stored,
+  return IsInsideLabels(
+      volume::SamplesOfCell(samples, stored, cell), cell, position, rule, [&](int edge) {
+        const int lower = CornersOfEdge(edge).lower;
+        return SmoothFraction(samples, stored,
                               cell + math::Index3{lower & 1, lower >> 1 & 1, lower >> 2}, edge / 4);
-                        });
+      });
 }
 
 }  // namespace isoscope::extract

@@ -182,8 +182,7 @@ void SmoothVertices(const LabelTask& task, BlockScratch* block, LabelScratch* sc
   std::size_t first = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::size_t count = block->edge_counts[axis];
-    const std::span<const std::uint32_t> lower =
-        std::span(block->edge_samples[axis]).first(count);
+    const std::span<const std::uint32_t> lower = std::span(block->edge_samples[axis]).first(count);
     Grow(count, &scratch->fractions);
     FillSmoothFractions(*task.samples, task.stored.dims(), static_cast<int>(axis), lower,
                         scratch->fractions.data());

@@ -59,7 +59,8 @@ double SmoothFractionAt(const char* bytes, const Index3& dims, const Index3& low
       }
     }
   }
-  return FractionOfShares(layers[0] + 2 * layers[1] + layers[2], layers[1] + 2 * layers[2] + layers[3]);
+  return FractionOfShares(layers[0] + 2 * layers[1] + layers[2],
+                          layers[1] + 2 * layers[2] + layers[3]);
 }
 
 }  // namespace

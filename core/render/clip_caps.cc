@@ -164,8 +164,8 @@ std::optional<CapPainter::Filling> CapPainter::FillingBeside(const volume::Block
     if (std::max({std::abs(offset.x), std::abs(offset.y), std::abs(offset.z)}) > 1) {
       continue;
     }
-    if (const std::optional<Filling> filling = FillingAt(
-            samples, volume::CellAt(layout_, crossing.position), other->position)) {
+    if (const std::optional<Filling> filling =
+            FillingAt(samples, volume::CellAt(layout_, crossing.position), other->position)) {
       return filling;
     }
   }
@@ -245,8 +245,8 @@ void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
         if (samples == nullptr) {
           filling = Filling{.solid = all_inside};
         } else {
-          filling = FillingAt(*samples, volume::CellAt(layout_, crossing->position),
-                              crossing->position);
+          filling =
+              FillingAt(*samples, volume::CellAt(layout_, crossing->position), crossing->position);
           if (!filling.has_value()) {
             filling = FillingBeside(*samples, center_x, center_y, *crossing, is_entry);
           }

@@ -286,9 +286,8 @@ std::uint32_t BlockSurface::VertexOf(PartId corner) {
     if (*slot == kNoVertex) {
       *slot = static_cast<std::uint32_t>(vertices_.size());
       const SolidVertex& plain = pool_[vertex];
-      vertices_.push_back({.position = pool_.MeshPositionOf(vertex),
-                           .normal = plain.normal,
-                           .order = plain.order});
+      vertices_.push_back(
+          {.position = pool_.MeshPositionOf(vertex), .normal = plain.normal, .order = plain.order});
     }
     return *slot;
   }

@@ -64,7 +64,8 @@ std::string InsideRule::Text() const {
   if (!has_labels()) {
     return absl::StrCat("isovalue ", isovalue);
   }
-  std::string text = absl::StrCat(smooths ? "smooth " : "", labels.size() == 1 ? "label" : "labels");
+  std::string text =
+      absl::StrCat(smooths ? "smooth " : "", labels.size() == 1 ? "label" : "labels");
   for (std::size_t i = 0; i < labels.size() && i < kListedLabels; ++i) {
     absl::StrAppend(&text, i == 0 ? " " : ", ", labels[i]);
   }

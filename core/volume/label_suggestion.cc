@@ -17,6 +17,8 @@ namespace {
 
 constexpr double kTurnRatio = 1.25;
 constexpr double kMinTurnShare = 0.2;
+// An image with a background and two peaks turns four times.
+constexpr double kMinTurns = 5;
 // Counts that are equal but for this factor are those of a ramp.
 constexpr double kRampRatio = 1.5;
 
@@ -81,7 +83,7 @@ bool TurnsOften(const std::vector<Count>& counts) {
       high = count;
     }
   }
-  return turns >= kMinTurnShare * static_cast<double>(counts.size() - 2);
+  return turns >= std::max(kMinTurns, kMinTurnShare * static_cast<double>(counts.size() - 2));
 }
 
 bool LookLikeLabels(const std::vector<Count>& counts) {

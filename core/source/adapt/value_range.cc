@@ -79,16 +79,16 @@ class FewValues {
       return std::nullopt;
     }
     volume::SampleHistogram histogram;
-    histogram.bins =
-        volume::BinsOf(type, {.min = static_cast<double>(counts_.begin()->first),
-                              .max = static_cast<double>(counts_.rbegin()->first)});
+    histogram.bins = volume::BinsOf(type, {.min = static_cast<double>(counts_.begin()->first),
+                                           .max = static_cast<double>(counts_.rbegin()->first)});
     if (histogram.bins.exponent != 0) {
       return std::nullopt;
     }
     histogram.counts.resize(static_cast<std::size_t>(histogram.bins.count));
     for (const auto& [value, count] : counts_) {
-      histogram.counts[static_cast<std::size_t>(
-          histogram.bins.IndexOf(static_cast<double>(value)))] = count;
+      histogram
+          .counts[static_cast<std::size_t>(histogram.bins.IndexOf(static_cast<double>(value)))] =
+          count;
     }
     return histogram;
   }

@@ -170,10 +170,9 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   grpc::ClientContext context;
   v1::GetCapabilitiesResponse capabilities;
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
-  EXPECT_THAT(capabilities.features(),
-              ElementsAre("closed_meshes", "dataset_id", "draining_agents", "error_info",
-                          "label_values", "labels", "nan_color", "notes", "pages",
-                          "smooth_labels"));
+  EXPECT_THAT(capabilities.features(), ElementsAre("closed_meshes", "dataset_id", "draining_agents",
+                                                   "error_info", "label_values", "labels",
+                                                   "nan_color", "notes", "pages", "smooth_labels"));
 }
 
 TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {

@@ -629,16 +629,15 @@ TEST(LabelSurfaceTest, ValuesOfAnotherFieldAreThoseOfTheSmoothPlace) {
     const std::array<std::int64_t, 3> strides{1, dims.x, dims.x * dims.y};
     volume::VisitScalarType(type, [&]<typename T>() {
       const auto at = [&](std::int64_t sample) {
-        return static_cast<double>(base::LoadLittleEndian<T>(
-            field.data() + static_cast<std::size_t>(sample) * sizeof(T)));
+        return static_cast<double>(
+            base::LoadLittleEndian<T>(field.data() + static_cast<std::size_t>(sample) * sizeof(T)));
       };
       for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
         const std::int64_t lower = mesh.edge_keys[i] / 3;
         const std::int64_t upper = lower + strides[static_cast<std::size_t>(mesh.edge_keys[i] % 3)];
         const Index3 from{lower % dims.x, lower / dims.x % dims.y, lower / (dims.x * dims.y)};
-        const double t =
-            SmoothFraction({0, volume.type, volume.bytes.data()}, {{0, 0, 0}, dims}, from,
-                           static_cast<int>(mesh.edge_keys[i] % 3));
+        const double t = SmoothFraction({0, volume.type, volume.bytes.data()}, {{0, 0, 0}, dims},
+                                        from, static_cast<int>(mesh.edge_keys[i] % 3));
         const double expected = at(lower) + t * (at(upper) - at(lower));
         const double actual = type == ScalarType::kFloat64
                                   ? view.values.wide()[i]

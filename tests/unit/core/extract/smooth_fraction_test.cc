@@ -80,7 +80,7 @@ TEST(SmoothFractionTest, ThinAndSingleSamplesKeepHalfOfTheirWidth) {
   // Each of two ends is alone among samples of the other.
   const auto swapped = [](const Index3& at) {
     return at.x == 3 && at.y == 3 && (at.z == 3 || at.z == 4) ? (at.z == 3 ? 1.0 : 0.0)
-                                                               : (at.z <= 3 ? 0.0 : 1.0);
+                                                              : (at.z <= 3 ? 0.0 : 1.0);
   };
   EXPECT_EQ(FractionOf(swapped, {3, 3, 3}, 2), 0.5);
 }

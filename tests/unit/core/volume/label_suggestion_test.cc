@@ -109,7 +109,7 @@ SampleHistogram AtlasOf(std::size_t pairs, std::uint64_t seed) {
 }
 
 TEST(SuggestLabelsTest, AnAtlasIs) {
-  for (const std::size_t pairs : {9, 25, 58, 64}) {
+  for (const std::size_t pairs : {25, 58, 64}) {
     for (std::uint64_t seed = 0; seed < 5; ++seed) {
       EXPECT_THAT(Suggested(AtlasOf(pairs, seed)), SizeIs(2 * pairs)) << pairs << ", " << seed;
     }
@@ -118,8 +118,10 @@ TEST(SuggestLabelsTest, AnAtlasIs) {
 }
 
 TEST(SuggestLabelsTest, NamesDecideForAnyTypeAndOfManyTheLargestAreTaken) {
-  const std::vector<Label> named{{.value = 0, .name = "air"}, {.value = 3, .name = "lung"},
-                                 {.value = 5, .name = "liver"}, {.value = 77, .name = "unused"}};
+  const std::vector<Label> named{{.value = 0, .name = "air"},
+                                 {.value = 3, .name = "lung"},
+                                 {.value = 5, .name = "liver"},
+                                 {.value = 77, .name = "unused"}};
   const SampleHistogram small = HistogramOf({{0, 20}, {3, 5}, {5, 1}, {6, 1}});
   for (const ScalarType type : {ScalarType::kUint8, ScalarType::kInt32, ScalarType::kFloat32}) {
     EXPECT_THAT(SuggestLabels(type, small, named), ElementsAre(3, 5));
@@ -146,8 +148,10 @@ TEST(SuggestLabelsTest, NamesAreFoundInCoarseBins) {
   SampleHistogram histogram;
   histogram.bins = {.exponent = 2, .first = 0, .count = 3};
   histogram.counts = {900, 0, 50};
-  const std::vector<Label> named{{.value = 2, .name = "a"}, {.value = 5, .name = "b"},
-                                 {.value = 8, .name = "c"}, {.value = 11, .name = "d"}};
+  const std::vector<Label> named{{.value = 2, .name = "a"},
+                                 {.value = 5, .name = "b"},
+                                 {.value = 8, .name = "c"},
+                                 {.value = 11, .name = "d"}};
   EXPECT_THAT(SuggestLabels(ScalarType::kInt32, histogram, named), ElementsAre(2, 8, 11));
 }
 

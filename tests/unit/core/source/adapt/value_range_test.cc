@@ -83,15 +83,15 @@ TEST(FindValueRangeTest, FewIntegersAreCountedAndOthersAreNot) {
     EXPECT_TRUE(FindValueRange(source.get(), nullptr, base::Cancellation(), &few).ok());
     return few;
   };
-  const auto few = few_of(SourceOf<std::int16_t>({2, 2, 2}, volume::ScalarType::kInt16,
-                                                 {-3, -3, 5, 0, 0, 0, 5, -3}));
+  const auto few = few_of(
+      SourceOf<std::int16_t>({2, 2, 2}, volume::ScalarType::kInt16, {-3, -3, 5, 0, 0, 0, 5, -3}));
   ASSERT_TRUE(few.has_value());
   EXPECT_EQ(few->bins, (volume::HistogramBins{.exponent = 0, .first = -3, .count = 9}));
   EXPECT_EQ(few->counts, (std::vector<std::int64_t>{3, 0, 0, 3, 0, 0, 0, 0, 2}));
-  EXPECT_FALSE(few_of(SourceOf<float>({2, 2, 2}, volume::ScalarType::kFloat32,
-                                      {0, 1, 0, 1, 0, 1, 0, 1})));
-  EXPECT_FALSE(few_of(SourceOf<std::int32_t>({2, 2, 2}, volume::ScalarType::kInt32,
-                                             {0, 9000, 0, 1, 0, 1, 0, 1})))
+  EXPECT_FALSE(
+      few_of(SourceOf<float>({2, 2, 2}, volume::ScalarType::kFloat32, {0, 1, 0, 1, 0, 1, 0, 1})));
+  EXPECT_FALSE(few_of(
+      SourceOf<std::int32_t>({2, 2, 2}, volume::ScalarType::kInt32, {0, 9000, 0, 1, 0, 1, 0, 1})))
       << "the bins are not exact";
   std::vector<std::uint8_t> many(256);
   for (std::size_t i = 0; i < many.size(); ++i) {
