@@ -561,7 +561,7 @@ TEST(LabelSurfaceTest, SmoothVerticesFollowFromTheWholeVolumeForEveryTypeAndBloc
     std::size_t moved = 0;
     for (auto& [key, vertex] : expected.vertices) {
       const Vec3f position = SmoothPosition(volume, key);
-      moved += position == vertex.position ? 0 : 1;
+      moved += position == vertex.position ? 0U : 1U;
       vertex.position = position;
     }
     EXPECT_GT(moved, expected.vertices.size() / 2);
@@ -580,7 +580,7 @@ TEST(LabelSurfaceTest, SmoothLabelsThatMeetKeepTheirCommonVertices) {
     const Surface surface = Join(ExtractBlocks(volume, {5, 4, 3}, SmoothLabels(labels)));
     for (const auto& [key, vertex] : surface.vertices) {
       const auto [at, is_new] = places.try_emplace(key, vertex.position);
-      common += is_new ? 0 : 1;
+      common += is_new ? 0U : 1U;
       EXPECT_EQ(at->second, vertex.position);
     }
   }
