@@ -91,7 +91,7 @@ absl::Status UnknownParameter(const std::string& name,
                    " there are: ", absl::StrJoin(names, ", ")));
 }
 
-// Parses the parameters as flags of `set`. REQUIRES: each flag has one name, and a value.
+// Parses the parameters as flags of `set`. A switch needs no value. REQUIRES: each flag has one name.
 absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
   const std::vector<cli::FlagDescription> parameters = set->Describe();
   std::vector<std::string> arguments;
@@ -113,7 +113,8 @@ absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
       return absl::InvalidArgumentError(
           absl::StrCat("the parameter ", name, " is given ", times, " times: it may come once"));
     }
-    if (value.empty() && !parameter->has_optional_value) {
+    const bool is_switch = parameter->value_name.empty();
+    if (value.empty() && !parameter->has_optional_value && !is_switch) {
       return absl::InvalidArgumentError(absl::StrCat("the parameter ", name, " has no value"));
     }
     // "--name=" would take the next argument as its value.
