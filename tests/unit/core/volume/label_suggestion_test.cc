@@ -69,7 +69,7 @@ TEST(SuggestLabelsTest, FewSamplesOneValueAndFloatsAreNot) {
 }
 
 TEST(SuggestLabelsTest, ARampIsNotWhateverItsLength) {
-  for (const std::size_t size : {4, 9, 16, 60, 128}) {
+  for (const std::size_t size : {4U, 9U, 16U, 60U, 128U}) {
     std::vector<double> counts(size, 20'000);
     counts.front() = counts.back() = 10'000;  // half of a step rounds to each end
     EXPECT_THAT(Suggested(CurveOf(counts)), IsEmpty()) << size;
@@ -90,7 +90,7 @@ SampleHistogram ImageOf(std::size_t size, std::uint64_t seed) {
 }
 
 TEST(SuggestLabelsTest, AnImageOfAnyDepthIsNot) {
-  for (const std::size_t size : {20, 32, 64, 100, 128}) {
+  for (const std::size_t size : {20U, 32U, 64U, 100U, 128U}) {
     for (std::uint64_t seed = 0; seed < 5; ++seed) {
       EXPECT_THAT(Suggested(ImageOf(size, seed)), IsEmpty()) << size << ", " << seed;
     }
@@ -109,7 +109,7 @@ SampleHistogram AtlasOf(std::size_t pairs, std::uint64_t seed) {
 }
 
 TEST(SuggestLabelsTest, AnAtlasIs) {
-  for (const std::size_t pairs : {25, 58, 64}) {
+  for (const std::size_t pairs : {25U, 58U, 64U}) {
     for (std::uint64_t seed = 0; seed < 5; ++seed) {
       EXPECT_THAT(Suggested(AtlasOf(pairs, seed)), SizeIs(2 * pairs)) << pairs << ", " << seed;
     }
