@@ -163,9 +163,10 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& 
     rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
   }
   for (int i = 0; i < request.label_sets_size(); ++i) {
-    ISOSCOPE_ASSIGN_OR_RETURN(rules.emplace_back(),
-                              wire::LabelsFromProto(request.label_sets(i).labels(),
-                                                    absl::StrCat("label_sets[", i, "].labels")));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        rules.emplace_back(),
+        wire::LabelsFromProto(request.label_sets(i).labels(),
+                              /*smooths=*/false, absl::StrCat("label_sets[", i, "].labels")));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                             wire::ClipRegionFromProto(request.clip(), "clip"));

@@ -135,10 +135,15 @@ class ExtractSurfaceCall final : public SurfaceReactor {
   absl::Status Extract() {
     ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(request_));
     ISOSCOPE_RETURN_IF_ERROR(wire::CheckKnownFields(request_));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        rule_, wire::InsideRuleFromProto(request_.isovalue(), request_.labels(), /*path=*/""));
+    ISOSCOPE_ASSIGN_OR_RETURN(rule_,
+                              wire::InsideRuleFromProto(request_.isovalue(), request_.labels(),
+                                                        request_.smooth_labels(), /*path=*/""));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                               wire::ClipRegionFromProto(request_.clip(), "clip"));
+    if (rule_.smooths && clip != view::ClipRegion()) {
+      return absl::InvalidArgumentError(
+          "smooth_labels is set beside clip: a smooth mesh can't be cut");
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
                               agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(

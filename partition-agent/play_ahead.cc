@@ -41,6 +41,7 @@ std::string LookOf(const SeriesShard& series, const SeriesShard::Place& place,
     for (const double label : rule.labels) {
       absl::StrAppend(&look, "|", absl::Hex(std::bit_cast<std::uint64_t>(label)));
     }
+    absl::StrAppend(&look, rule.smooths ? "~" : "");
     if (i < colors.size() && colors[i].has_value()) {
       absl::StrAppend(&look, ":", colors[i]->field, ".", colors[i]->component);
     }

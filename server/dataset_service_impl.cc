@@ -5,7 +5,8 @@
 // 1. Admit: identify the caller, check the request, take a place in the queue.
 // 2. When its turn comes, AnswerHistogram finds the dataset and the selected volume.
 // 3. AskHistogram asks one agent for each part, and adds up the bins.
-// 4. SuggestIsovalues looks for isovalues in the sum, if groups were asked for.
+// 4. SuggestIsovalues looks for isovalues in the sum, if groups were asked for, and SuggestLabels for
+//    labels.
 //
 // The place is given back before the answer, so that the client's next request finds it free.
 
@@ -23,6 +24,8 @@
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/volume/isovalue_suggestions.h"
+#include "core/volume/label.h"
+#include "core/volume/label_suggestion.h"
 #include "core/volume/sample_histogram.h"
 #include "server/call/call_work.h"
 #include "server/frame/agent_queries.h"
@@ -192,7 +195,13 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
     suggestions = volume::SuggestIsovalues(type, *whole.samples, whole.groups.begin,
                                            whole.groups.EndOf(whole.groups.count - 1));
   }
-  *response = wire::ToProto(whole, suggestions);
+  std::vector<double> labels;
+  if (whole.samples.has_value()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> named,
+                              wire::LabelsFromProto(dataset.dataset.labels(), "dataset.labels"));
+    labels = volume::SuggestLabels(type, *whole.samples, named);
+  }
+  *response = wire::ToProto(whole, suggestions, labels);
   if (selected.selection.has_value()) {
     *response->mutable_selection() = *selected.selection;
   }

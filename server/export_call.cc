@@ -215,6 +215,7 @@ class IsosurfaceServiceImpl::ExportCall final
     const volume::InsideRule& rule = spec_.rules[surface_index];
     request.set_isovalue(rule.isovalue);
     request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
+    request.set_smooth_labels(rule.smooths);
     if (request_.has_clip()) {
       *request.mutable_clip() = request_.clip();
     }

@@ -11,6 +11,7 @@
 
 #include "wire/frame_convert.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -344,6 +345,13 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest
     spec.rules.push_back(surface.rule);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
+  const auto smooth = std::find_if(spec.rules.begin(), spec.rules.end(),
+                                   [](const volume::InsideRule& rule) { return rule.smooths; });
+  if (smooth != spec.rules.end() && spec.clip != view::ClipRegion()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "surfaces[", smooth - spec.rules.begin(),
+        "].smooth_labels is set beside clip: a smooth mesh can't be cut; leave out one of both"));
+  }
   spec.closes = request.closes();
   spec.with_origin = request.with_origin();
   spec.with_measures = request.with_measures();

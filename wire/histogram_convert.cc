@@ -234,7 +234,8 @@ absl::StatusOr<volume::HistogramPart> HistogramPartFromProto(
 }
 
 v1::GetHistogramResponse ToProto(const volume::HistogramPart& whole,
-                                 const std::vector<volume::IsovalueSuggestion>& suggestions) {
+                                 const std::vector<volume::IsovalueSuggestion>& suggestions,
+                                 const std::vector<double>& labels) {
   v1::GetHistogramResponse response;
   if (whole.label_values.has_value()) {
     *response.mutable_label_values() = ToProto(*whole.label_values);
@@ -264,6 +265,7 @@ v1::GetHistogramResponse ToProto(const volume::HistogramPart& whole,
     proto->set_isovalue(suggestion.isovalue);
     proto->set_inside_fraction(suggestion.inside_fraction);
   }
+  response.mutable_suggested_labels()->Assign(labels.begin(), labels.end());
   return response;
 }
 

@@ -35,9 +35,13 @@ isoscope::internal::v1::GetShardHistogramResponse ToProto(const volume::Histogra
 absl::StatusOr<volume::HistogramPart> HistogramPartFromProto(
     const isoscope::internal::v1::GetShardHistogramResponse& proto);
 
-// Fills the answer for clients. `whole`: the sum of all parts.
+// Fills the answer for clients.
+//
+// whole:  the sum of all parts
+// labels: those that are suggested
 isoscope::v1::GetHistogramResponse ToProto(
-    const volume::HistogramPart& whole, const std::vector<volume::IsovalueSuggestion>& suggestions);
+    const volume::HistogramPart& whole, const std::vector<volume::IsovalueSuggestion>& suggestions,
+    const std::vector<double>& labels = {});
 
 // The cells of the box of the active blocks; not set if there are none.
 isoscope::internal::v1::GetActiveBoxResponse ToProto(std::int64_t active_block_count,

@@ -166,7 +166,8 @@ absl::StatusOr<std::vector<PickedSurface>> PickedSurfacesFromProto(
   for (int i = 0; i < proto.label_sets_size(); ++i) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         sets.emplace_back(),
-        LabelsFromProto(proto.label_sets(i).labels(), absl::StrCat("label_sets[", i, "].labels")));
+        LabelsFromProto(proto.label_sets(i).labels(), proto.label_sets(i).smooth_labels(),
+                        absl::StrCat("label_sets[", i, "].labels")));
   }
   std::vector<PickedSurface> surfaces;
   for (int i = 0; i < proto.points_size(); ++i) {

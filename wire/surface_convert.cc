@@ -173,7 +173,8 @@ absl::StatusOr<frame::Light> LightFromProto(const v1::Light& proto, const std::s
 absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const std::string& path) {
   frame::Surface surface;
   ISOSCOPE_ASSIGN_OR_RETURN(
-      surface.rule, InsideRuleFromProto(proto.isovalue(), proto.labels(), absl::StrCat(path, ".")));
+      surface.rule, InsideRuleFromProto(proto.isovalue(), proto.labels(), proto.smooth_labels(),
+                                        absl::StrCat(path, ".")));
   if (proto.has_color()) {
     ISOSCOPE_RETURN_IF_ERROR(SetColor(proto.color(), absl::StrCat(path, ".color"), &surface));
   }
@@ -209,7 +210,8 @@ absl::StatusOr<frame::ColorRange> GradientRangeOf(const v1::Dataset& dataset,
 // The surface of a request that lists none.
 absl::StatusOr<frame::Surface> OnlySurfaceFromProto(const v1::RenderIsosurfaceRequest& request) {
   frame::Surface surface;
-  ISOSCOPE_ASSIGN_OR_RETURN(surface.rule, InsideRuleFromProto(request.isovalue(), {}, ""));
+  ISOSCOPE_ASSIGN_OR_RETURN(surface.rule,
+                            InsideRuleFromProto(request.isovalue(), {}, /*smooths=*/false, ""));
   if (request.has_base_color()) {
     ISOSCOPE_RETURN_IF_ERROR(SetColor(request.base_color(), "base_color", &surface));
   }
@@ -237,7 +239,7 @@ absl::Status CheckLength(const math::Vec3d& v, const std::string& path) {
 }
 
 absl::StatusOr<volume::InsideRule> LabelsFromProto(
-    const google::protobuf::RepeatedField<double>& labels, const std::string& path) {
+    const google::protobuf::RepeatedField<double>& labels, bool smooths, const std::string& path) {
   for (int i = 0; i < labels.size(); ++i) {
     ISOSCOPE_RETURN_IF_ERROR(CheckFinite(labels[i], absl::StrCat(path, "[", i, "]")));
   }
@@ -248,14 +250,19 @@ absl::StatusOr<volume::InsideRule> LabelsFromProto(
     return absl::InvalidArgumentError(absl::StrCat(
         path, " has ", values.size(), " different values: must have 1 to ", volume::kMaxLabels));
   }
-  return volume::InsideRule::OfLabels(std::move(values));
+  return volume::InsideRule::OfLabels(std::move(values), smooths);
 }
 
 absl::StatusOr<volume::InsideRule> InsideRuleFromProto(
-    double isovalue, const google::protobuf::RepeatedField<double>& labels,
+    double isovalue, const google::protobuf::RepeatedField<double>& labels, bool smooths,
     const std::string& path) {
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(isovalue, absl::StrCat(path, "isovalue")));
   if (labels.empty()) {
+    if (smooths) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, "smooth_labels is set without ", path,
+                       "labels: must be unset, because an isosurface has no steps to smooth"));
+    }
     return volume::InsideRule::OfIsovalue(isovalue);
   }
   if (isovalue != 0) {
@@ -263,7 +270,7 @@ absl::StatusOr<volume::InsideRule> InsideRuleFromProto(
                                                    "labels: must be unset, because a surface has "
                                                    "one or the other"));
   }
-  return LabelsFromProto(labels, absl::StrCat(path, "labels"));
+  return LabelsFromProto(labels, smooths, absl::StrCat(path, "labels"));
 }
 
 absl::StatusOr<frame::ColorBy> ColorByFromProto(const v1::ColorBy& proto, absl::string_view path) {
@@ -371,6 +378,7 @@ v1::Surface ToProto(const frame::Surface& surface) {
   v1::Surface proto;
   proto.set_isovalue(surface.rule.isovalue);
   proto.mutable_labels()->Assign(surface.rule.labels.begin(), surface.rule.labels.end());
+  proto.set_smooth_labels(surface.rule.smooths);
   const frame::Appearance& appearance = surface.appearance;
   *proto.mutable_color() = ToProto(appearance.base_color);
   proto.mutable_color()->set_alpha(surface.opacity);

@@ -28,13 +28,13 @@ absl::StatusOr<float> InRange(float value, float min, float max, absl::string_vi
 absl::Status CheckLength(const math::Vec3d& v, const std::string& path);
 
 // The rule of a surface, by its isovalue or its labels, of which those that are equal count once.
-// `path` is put before the names of both fields.
+// `path` is put before the names of the fields.
 absl::StatusOr<volume::InsideRule> InsideRuleFromProto(
-    double isovalue, const google::protobuf::RepeatedField<double>& labels,
+    double isovalue, const google::protobuf::RepeatedField<double>& labels, bool smooths,
     const std::string& path);
 // The rule of a set of labels.
 absl::StatusOr<volume::InsideRule> LabelsFromProto(
-    const google::protobuf::RepeatedField<double>& labels, const std::string& path);
+    const google::protobuf::RepeatedField<double>& labels, bool smooths, const std::string& path);
 
 // The surfaces that a request lists, or the one that its isovalue and base_color make.
 //

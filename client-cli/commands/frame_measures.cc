@@ -39,6 +39,7 @@ v1::ExportIsosurfaceRequest MeshOfFrame(const v1::RenderIsosurfaceRequest& frame
     v1::Surface* const whole = request.add_surfaces();
     whole->set_isovalue(surface.isovalue());
     *whole->mutable_labels() = surface.labels();
+    whole->set_smooth_labels(surface.smooth_labels());
   }
   if (frame.has_clip()) {
     *request.mutable_clip() = frame.clip();

@@ -54,6 +54,7 @@
 #include "core/store/series_manifest.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/label.h"
+#include "core/volume/label_suggestion.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
 #include "isoscope/v1/cluster_service.pb.h"
@@ -206,6 +207,7 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   }
   const std::int64_t bytes = math::Volume(source->info().geometry.sample_dims) *
                              static_cast<std::int64_t>(volume::SizeOf(source->info().type));
+  std::optional<volume::SampleHistogram> few_values;
   if (is_single && (flags.reads_values || bytes <= kMaxQuickBytes)) {
     ProgressLine line(context.err, context.err_is_terminal);
     ISOSCOPE_ASSIGN_OR_RETURN(const source::ValueRange range,
@@ -214,7 +216,7 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
                                   [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
                                     line.Update("reading values", done_bytes, total_bytes);
                                   },
-                                  context.interrupt->cancellation()));
+                                  context.interrupt->cancellation(), &few_values));
     volume = VolumeToJson(*source, range);
     volume["name"] = *flags.input;
   }
@@ -230,9 +232,13 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
                             LabelsOfSource(request, context.err));
   AddLabels(labels, &volume);
-  if (is_single && !labels.empty()) {
-    volume["commands"].push_back(
-        absl::StrCat("isoscope render ", InputAsTyped(flags, kRenderFlagNames), " --labels all"));
+  const bool is_segmentation =
+      !labels.empty() ||
+      (few_values && !volume::SuggestLabels(source->info().type, *few_values, labels).empty());
+  if (is_single && is_segmentation) {
+    // An isovalue between two labels means nothing.
+    volume["commands"] = Json::array(
+        {absl::StrCat("isoscope render ", InputAsTyped(flags, kRenderFlagNames), " --labels all")});
   }
   Json json;
   json["volume"] = std::move(volume);

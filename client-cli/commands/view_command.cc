@@ -3,7 +3,8 @@
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 //
 // 1. A session connects to the server, or starts a cluster in this process.
-// 2. The isovalue to begin with is chosen from the histogram, unless it or labels are given.
+// 2. The isovalue to begin with is chosen from the histogram, unless it or labels are given. A
+//    segmentation begins with labels.
 // 3. --terminal runs the viewer of this terminal (terminal/terminal_viewer). Otherwise a gateway
 //    starts, and a browser opens its page, through a RedirectFile because the address holds a
 //    token.
@@ -16,6 +17,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdlib>
 #include <memory>
@@ -173,17 +175,20 @@ struct FirstSurfaces {
   client::LabelFlags label = {};  // resolved
 };
 
-// Returns the isovalue to begin with. Without a histogram any value will do: the page can change
-// it.
-absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
-                                      Session* session) {
+// Returns the isovalue to begin with; not set for labels, which the page chooses by the same
+// suggestion. Without a histogram any value will do: the page can change it.
+absl::StatusOr<std::optional<double>> ChooseIsovalue(const ViewFlags& flags,
+                                                     const v1::Dataset& dataset, Session* session) {
   if (flags.isovalue) {
-    return *flags.isovalue;
+    return flags.isovalue;
   }
   v1::GetHistogramRequest request;
   request.set_dataset(dataset.name());
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetHistogramResponse histogram,
                             session->client().GetHistogram(request, session->question_timeout()));
+  if (!histogram.suggested_labels().empty() && !flags.is_in_terminal) {
+    return std::nullopt;
+  }
   return FirstIsovalue(histogram, dataset);
 }
 
@@ -194,6 +199,8 @@ absl::StatusOr<FirstSurfaces> ChooseSurfaces(const ViewFlags& flags, const v1::D
       dataset, /*selection=*/{}, session->frame_timeout(), &session->client(), &first.label));
   if (flags.isovalue || flags.label.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(first.isovalue, ChooseIsovalue(flags, dataset, session));
+  }
+  if (!flags.label.empty()) {
     ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(first.isovalue, /*surfaces=*/{},
                                                    /*color=*/std::nullopt, first.label));
   }
@@ -213,6 +220,7 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
                                   : !flags.gateway_token_file.empty() ? "--gateway-token-file"
                                   : flags.label.wants_all             ? "--labels"
                                   : !flags.label.empty()              ? "--label"
+                                  : flags.label.smooths               ? "--smooth-labels"
                                                                       : nullptr;
   if (flags.is_in_terminal && for_browser != nullptr) {
     return UsageError(
@@ -221,11 +229,32 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
   return absl::OkStatus();
 }
 
+// "3,7-9", as the page and --label take it. Ranges keep the address of many labels short.
+std::string TextOfValues(const std::vector<double>& values) {
+  const auto follows = [&](std::size_t i) {
+    return i + 1 < values.size() && values[i] >= 0 && values[i] == std::floor(values[i]) &&
+           values[i + 1] == values[i] + 1;
+  };
+  std::vector<std::string> parts;
+  for (std::size_t i = 0; i < values.size();) {
+    std::size_t end = i;
+    while (follows(end)) {
+      ++end;
+    }
+    if (end > i + 1) {  // a range of two is as long as both
+      parts.push_back(absl::StrFormat("%.17g-%.17g", values[i], values[end]));
+      i = end + 1;
+    } else {
+      parts.push_back(absl::StrFormat("%.17g", values[i]));
+      ++i;
+    }
+  }
+  return absl::StrJoin(parts, ",");
+}
+
 // "3,7:0.5,0.25,1:0.4", as the page and --label take it.
 std::string TextOf(const client::LabelSurface& surface, const client::LabelValue& given) {
-  std::string text = absl::StrJoin(surface.values, ",", [](std::string* out, double value) {
-    absl::StrAppendFormat(out, "%.17g", value);
-  });
+  std::string text = TextOfValues(surface.values);
   if (given.color) {
     absl::StrAppendFormat(&text, ":%.9g,%.9g,%.9g", given.color->red, given.color->green,
                           given.color->blue);
@@ -291,7 +320,7 @@ Action RegisterViewFlags(FlagSet* set) {
   AddRendererFlag(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level to begin with, in field units (default: one that the samples suggest, unless "
-          "labels are given)");
+          "labels are given, or the samples are labels)");
   client::AddLabelFlags(set, &flags->label);
   const auto parse_address = [](absl::string_view text) {
     return rpc::ParseAddress(text, rpc::kGatewayPort);
@@ -344,13 +373,19 @@ std::string ViewAddress(absl::string_view page, const std::string& dataset,
   if (isovalue) {
     absl::StrAppend(&address, "&isovalue=", gateway::EscapeQueryValue(FormatValue(*isovalue)));
   }
-  for (std::size_t i = 0; i < label.surfaces.size(); ++i) {
-    absl::StrAppend(
-        &address, "&label=",
-        gateway::EscapeQueryValue(
-            TextOf(label.surfaces[i], label.wants_all ? client::LabelValue{} : label.sets[i])));
+  if (label.wants_all) {
+    std::vector<double> values;
+    for (const client::LabelSurface& surface : label.surfaces) {
+      values.push_back(surface.values[0]);
+    }
+    absl::StrAppend(&address, "&labels=", gateway::EscapeQueryValue(TextOfValues(values)));
+  } else {
+    for (std::size_t i = 0; i < label.surfaces.size(); ++i) {
+      absl::StrAppend(
+          &address, "&label=", gateway::EscapeQueryValue(TextOf(label.surfaces[i], label.sets[i])));
+    }
   }
-  return address;
+  return label.smooths ? absl::StrCat(address, "&smooth-labels=1") : address;
 }
 
 Command ViewCommand() {

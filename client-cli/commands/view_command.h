@@ -24,7 +24,7 @@ double FirstIsovalue(const isoscope::v1::GetHistogramResponse& histogram,
 
 // Returns `page` with "dataset=NAME&isovalue=V" in its query, and "label=VALUES:COLOR:OPACITY" for
 // each surface of labels; colour and opacity only as they are given, for the page knows the
-// dataset. REQUIRES: `label` is resolved.
+// dataset. All labels are one "labels=VALUES". REQUIRES: `label` is resolved.
 std::string ViewAddress(absl::string_view page, const std::string& dataset,
                         const std::optional<double>& isovalue, const client::LabelFlags& label);
 

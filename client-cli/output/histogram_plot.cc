@@ -165,6 +165,9 @@ std::string DrawHistogram(const v1::GetHistogramResponse& histogram, const PlotO
   if (!histogram.has_sample_counts()) {
     absl::StrAppend(&text, "samples were not counted when this was partitioned: partition it\n",
                     "anew for counts and suggestions\n");
+  } else if (!histogram.suggested_labels().empty()) {
+    absl::StrAppend(&text, "suggested:\n", absl::StrFormat("  %-23s ", "--labels all"),
+                    "the samples are labels, it seems: ", histogram.suggested_labels_size(), "\n");
   } else if (histogram.suggestions().empty()) {
     absl::StrAppend(&text, "no isovalue is suggested: all samples lie in one bin\n");
   } else {
@@ -196,6 +199,10 @@ Json HistogramToJson(const v1::GetHistogramResponse& histogram) {
     json["suggestions"].push_back({{"method", NameOf(suggestion.method())},
                                    {"isovalue", suggestion.isovalue()},
                                    {"inside_fraction", suggestion.inside_fraction()}});
+  }
+  json["suggested_labels"] = Json::array();
+  for (const double label : histogram.suggested_labels()) {
+    json["suggested_labels"].push_back(label);
   }
   return json;
 }

@@ -26,8 +26,8 @@ std::string DrawHistogram(const isoscope::v1::GetHistogramResponse& histogram,
 
 // {"has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count",
 // "bins": [{"min", "max", "sample_count", "active_block_count", "active_block_bytes",
-// "estimated_triangle_count"}], "suggestions": [{"method", "isovalue", "inside_fraction"}]};
-// method is "between_classes" or "one_percent".
+// "estimated_triangle_count"}], "suggestions": [{"method", "isovalue", "inside_fraction"}],
+// "suggested_labels": [values]}; method is "between_classes" or "one_percent".
 nlohmann::ordered_json HistogramToJson(const isoscope::v1::GetHistogramResponse& histogram);
 
 // Returns the columns of the terminal on standard output; 80 if it is no terminal.

@@ -6,7 +6,7 @@ import { byId, make, page } from './elements.js';
 import { announcer, copy } from './messages.js';
 import { client, shown } from './page-view.js';
 import { formatBytes } from './values.js';
-import { fileOf, stateToCommand, stateToHash } from './view-state.js';
+import { fileOf, stateToCommand, stateToHash, stateToLink } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -49,7 +49,7 @@ async function download(button, note, verb, name, ask) {
 /** @param {import('./series.js').SeriesControls} series */
 export function listenToDownloads(series) {
   function linkOfView() {
-    history.replaceState(null, '', `#${stateToHash(series.pinned(shown.getState()))}`);
+    history.replaceState(null, '', `#${stateToLink(series.pinned(shown.getState()), shown.dataset)}`);
     return location.href;
   }
   byId('link', HTMLElement).onclick = () => copy(linkOfView(), client.token
@@ -113,7 +113,7 @@ export function listenToDownloads(series) {
   byId('save-mesh', HTMLElement).onclick = (event) => {
     const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
     const state = series.pinned(shown.getState());
-    const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, labels, color }) => ({ isovalue, labels, color: color && { ...color, alpha: 1 } })), clip: state.clip });
+    const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, labels, smoothLabels, color }) => ({ isovalue, labels, smoothLabels, color: color && { ...color, alpha: 1 } })), clip: state.clip });
     download(button, page.meshNote, 'Extracting …', `${state.dataset || 'isoscope'}.glb`,
       () => client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`));
   };

@@ -30,7 +30,7 @@ export function listenToHelp() {
     make('dl', {}, ...moves.flatMap(([move, does]) => [make('dt', {}, move), make('dd', {}, does)])))));
   byId('help-open', HTMLElement).onclick = show;
   document.addEventListener('keydown', (event) => {
-    const isInText = /** @type {Element} */ (event.target).closest('input:is([type=number], [type=text], [type=password]), textarea, select, dialog, form');
+    const isInText = /** @type {Element} */ (event.target).closest('input:is([type=number], [type=text], [type=search], [type=password]), textarea, select, dialog, form');
     if (event.key === '?' && !event.ctrlKey && !event.metaKey && !isInText) {
       event.preventDefault();
       show();

@@ -31,6 +31,9 @@ function tidyIsovalue(isovalue, { min, max }) {
   return rounded > min && rounded <= max ? rounded : isovalue;
 }
 
+/** The labels that the samples suggest; none: they are no labels. @returns {number[]} */
+export const suggestedLabels = () => histogram?.suggestedLabels ?? [];
+
 function chartHint() {
   return !histogram ? '' : histogram.hasSampleCounts ? 'Drag a line; double-click adds a surface.'
     : 'Active blocks by isovalue: partition this dataset anew to count its samples.';

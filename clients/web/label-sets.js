@@ -141,10 +141,99 @@ export const withLabels = (surfaces, values, dataset, range) =>
 
 /**
  * The surfaces of all labels but 0, alone.
- * @param {any} dataset
+ * @param {any} dataset @param {Label[]} [labels] default: those that the dataset names
  */
-export const allLabels = (dataset) => labelsOf(dataset).map((label) => label.value ?? 0).filter((value) => value !== 0)
+export const allLabels = (dataset, labels = labelsOf(dataset)) => labels.map((label) => label.value ?? 0).filter((value) => value !== 0)
   .map((value) => ({ labels: [value], color: colorOfLabel(dataset, value) }));
+
+/**
+ * The place of the surface that a label is in, alone or in a set; -1 if there is none.
+ * @param {any[]} surfaces @param {number} value
+ */
+export const indexWithLabel = (surfaces, value) => {
+  const alone = indexOfLabel(surfaces, value);
+  return alone >= 0 ? alone : surfaces.findIndex((one) => isOfLabels(one) && one.labels.includes(value));
+};
+
+/**
+ * Of the surfaces of labels only the one at a place.
+ * @param {any[]} surfaces @param {number} index
+ */
+export const onlyLabel = (surfaces, index) => [...surfaces.filter((one) => !isOfLabels(one)), surfaces[index]];
+
+/** The opacity of the labels around a highlighted one. */
+const DIM = 0.15;
+/**
+ * Lets all surfaces that have a colour show through, but the one at a place.
+ * @param {any[]} surfaces @param {number} index @param {any} dataset
+ */
+export const withHighlight = (surfaces, index, dataset) => surfaces.map((one, i) => {
+  const color = one.color ?? (isOfLabels(one) ? colorOfLabel(dataset, one.labels[0]) : null);
+  return color ? { ...one, color: { ...color, alpha: i === index ? 1 : Math.min(color.alpha ?? 0, DIM) } } : one;
+});
+
+/**
+ * Whether all surfaces of labels are smooth; false if there are none.
+ * @param {any[]} surfaces
+ */
+export const areSmooth = (surfaces) => surfaces.some(isOfLabels) && surfaces.filter(isOfLabels).every((one) => one.smoothLabels);
+/**
+ * Makes all surfaces of labels smooth, or none.
+ * @param {any[]} surfaces @param {boolean} isSmooth
+ */
+export const withSmooth = (surfaces, isSmooth) => surfaces.map((one) => {
+  const { smoothLabels, ...rest } = one;
+  return isSmooth && isOfLabels(one) ? { ...rest, smoothLabels: true } : rest;
+});
+
+/**
+ * The labels whose name or value has a text in it.
+ * @param {Label[]} labels @param {string} text
+ */
+export function foundLabels(labels, text) {
+  const wanted = text.trim().toLowerCase();
+  return wanted === '' ? labels
+    : labels.filter(({ value = 0, name }) => String(value) === wanted || (name || `label ${value}`).toLowerCase().includes(wanted));
+}
+
+// ---- short links ----
+
+/** So many surfaces of single labels are worth a word of their own in a link. */
+const MIN_LISTED = 4;
+
+/**
+ * Splits the surfaces of labels for a link: `listed` are words "1-45,47:0.5", each a run of single labels of one
+ * opacity; `rest` have words of their own. Those of `rest` that `listed` has, too, have another colour than the dataset's.
+ * @param {any[]} surfaces of labels @param {any} dataset @returns {{listed: string[], rest: any[]}}
+ */
+export function listedLabels(surfaces, dataset) {
+  const end = surfaces.findIndex((one) => one.labels.length !== 1);
+  const singles = end < 0 ? surfaces : surfaces.slice(0, end);
+  if (singles.length < MIN_LISTED) {
+    return { listed: [], rest: surfaces };
+  }
+  /** @type {{values: number[], alpha: number}[]} */
+  const runs = [];
+  const others = [];
+  for (const one of singles) {
+    const [value] = one.labels;
+    const own = colorOfLabel(dataset, value, one.color?.alpha ?? 0);
+    const hasOwn = !one.color || ['red', 'green', 'blue'].every((/** @type {'red'|'green'|'blue'} */ name) => (one.color[name] ?? 0) === own[name]);
+    // Another colour makes no new run: its word gives the opacity, too.
+    const last = runs.at(-1);
+    const alpha = one.color ? one.color.alpha ?? 0 : 1;
+    if (last && (last.values.at(-1) ?? 0) < value && last.values.length < MAX_VALUES && (last.alpha === alpha || !hasOwn)) {
+      last.values.push(value);
+    } else {
+      runs.push({ values: [value], alpha });
+    }
+    if (!hasOwn) {
+      others.push(one);
+    }
+  }
+  return { listed: runs.map(({ values, alpha }) => `${textOfValues(values)}${alpha === 1 ? '' : `:${alpha}`}`),
+    rest: [...others, ...surfaces.slice(singles.length)] };
+}
 
 /**
  * Whether a colour is missing that only the dataset knows.

@@ -91,7 +91,7 @@ export function stateOfAddress() {
   if (location.hash.length > 1) {
     return stateFromHash(location.hash);
   }
-  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'label', 'field', 'component', 'step', 'time'].includes(name));
+  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'label', 'labels', 'smooth-labels', 'field', 'component', 'step', 'time'].includes(name));
   return stateFromHash(new URLSearchParams(words).toString());
 }
 

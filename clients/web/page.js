@@ -16,9 +16,9 @@ import { closeDoor, isDoorClosed, listenToDoor } from './door.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
 import { listenToHelp } from './help.js';
-import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
+import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue, suggestedLabels } from './histogram.js';
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
-import { withColors } from './label-sets.js';
+import { allLabels, withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook, takeNotes } from './look.js';
 import { announcer, say } from './messages.js';
@@ -28,7 +28,7 @@ import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { listenToUndo } from './undo-controls.js';
 import { BACKGROUNDS, PALETTE, format, fromHex, paintedApart } from './values.js';
-import { stateToHash } from './view-state.js';
+import { stateToHash, stateToLink } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -61,14 +61,16 @@ shown.addEventListener('state', () => {
   clearTimeout(hashTimer);
   hashTimer = window.setTimeout(() => {
     if (shown.hasState) {
-      history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
+      history.replaceState(null, '', `#${stateToLink(shown.getState(), shown.dataset)}`);
     }
   }, 250);
 });
 window.addEventListener('hashchange', () => {
   takeTokenAgain();
   const { state, problems } = stateOfAddress();
-  if (stateToHash(state) !== stateToHash(shown.getState())) {
+  // A link has not the colours of the dataset, nor those that tell surfaces apart.
+  const colored = state.surfaces ? { ...state, surfaces: paintedApart(withColors(state.surfaces, shown.dataset)) } : state;
+  if (stateToHash(colored) !== stateToHash(shown.getState())) {
     open(state, problems);
   }
 });
@@ -165,7 +167,7 @@ function offer(state) {
 }
 
 /**
- * Shows a state. If it has no surface, the histogram suggests an isovalue; if it has no camera, the server
+ * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, the server
  * chooses it, as for every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
@@ -187,7 +189,8 @@ async function open(state, problems) {
   await loadHistogram(dataset, state.selection);
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
-  filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
+  const labels = allLabels(dataset, suggestedLabels().map((value) => ({ value })));
+  filled.surfaces ??= labels.length > 0 ? labels : [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
   filled.surfaces = paintedApart(withColors(filled.surfaces, dataset));
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);

@@ -5,6 +5,7 @@
 import { byId, make, page } from './elements.js';
 import { makeMovable } from './floating.js';
 import { boxOfDataset } from './isoscope-view.js';
+import { pickLabel } from './labels.js';
 import { announcer, copy, say } from './messages.js';
 import { client, shown, unit } from './page-view.js';
 import { csvOf, figuresOf, textOfLabel } from './point-figures.js';
@@ -49,6 +50,9 @@ export function listenToPoints(series) {
         const surface = frame.surfaces?.[point.surfaceIndex ?? 0];
         picks = [...picks.slice(-1), { position: [position.x ?? 0, position.y ?? 0, position.z ?? 0],
           isovalue: surface?.isovalue ?? 0, point, selection: frame.selection, of: nameOf(surface, point.label, step) }];
+      }
+      if (point?.label !== undefined) {
+        pickLabel(point.label);
       }
       drawPoints();
       announcer.say(sentenceOfPicks());

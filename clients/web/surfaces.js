@@ -4,8 +4,8 @@
 
 import { make, page } from './elements.js';
 import { changeSurface } from './histogram.js';
-import { isNothing, isOfLabels, labelsOf, nameOfLabels } from './label-sets.js';
-import { removeSurface } from './labels.js';
+import { isNothing, isOfLabels, nameOfLabels } from './label-sets.js';
+import { knownLabels, removeSurface } from './labels.js';
 import { finiteRangeOf, shown } from './page-view.js';
 import { PALETTE, fromHex, percent, toHex } from './values.js';
 
@@ -15,7 +15,7 @@ import { PALETTE, fromHex, percent, toHex } from './values.js';
  */
 function isListed(surface) {
   return !isOfLabels(surface) || !isNothing(surface, finiteRangeOf(shown.dataset, shown.state.selection)) &&
-    !(surface.labels.length === 1 && labelsOf(shown.dataset).some((label) => (label.value ?? 0) === surface.labels[0]));
+    !(surface.labels.length === 1 && knownLabels().some((label) => (label.value ?? 0) === surface.labels[0]));
 }
 
 /** @param {number} i the surface's place in the state @param {string} names of its labels; '': it has an isovalue */

@@ -79,7 +79,7 @@ export function listenToUndo(show, playing) {
   document.addEventListener('keydown', (event) => {
     const direction = directionOf(event);
     // Fields for text have an undo of their own.
-    const isInText = /** @type {Element} */ (event.target).closest('input:is([type=number], [type=text], [type=password]), textarea, dialog');
+    const isInText = /** @type {Element} */ (event.target).closest('input:is([type=number], [type=text], [type=search], [type=password]), textarea, dialog');
     if (direction !== 0 && !isInText) {
       event.preventDefault();
       go(direction);

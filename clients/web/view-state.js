@@ -5,7 +5,7 @@
 // @ts-check
 
 import { colorFromText } from './css-colors.js';
-import { MAX_SURFACES, inOrder, isOfLabels, textOfValues, valuesOfText } from './label-sets.js';
+import { MAX_SURFACES, areSmooth, inOrder, indexOfLabel, isOfLabels, listedLabels, textOfValues, valuesOfText, withSmooth } from './label-sets.js';
 import { COLOR_MAPS, EFFECTS } from './parameters.js';
 
 /** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
@@ -110,6 +110,7 @@ const FLAG_VALUES = {
     .map((/** @type {any} */ { isovalue, color }) => `${isovalue ?? 0}${paintToWords(color)}`),
   label: ({ surfaces }) => (surfaces ?? []).filter(isOfLabels)
     .map((/** @type {any} */ { labels, color }) => `${textOfValues(labels)}${paintToWords(color)}`),
+  'smooth-labels': ({ surfaces }) => areSmooth(surfaces ?? []) ? [''] : [],
   'color-by': ({ surfaces }) => (surfaces ?? []).some((/** @type {any} */ surface) => surface.colorBy)
     ? inOrder(surfaces).map((/** @type {any} */ surface) => colorByToWords(surface.colorBy)) : [],
   eye: ({ camera }) => camera ? [vec(camera.eye)] : [],
@@ -147,10 +148,28 @@ export function stateToWords(state) {
   return FLAGS.flatMap((name) => FLAG_VALUES[name](state).map((value) => /** @type {[string, string]} */ ([name, value])));
 }
 
-/** @param {FrameRequest} state the part of an address after '#' */
-export function stateToHash(state) {
-  return stateToWords(state).map(([name, value]) =>
-    `${name}=${encodeURIComponent(value).replace(/%2C/g, ',').replace(/%3A/g, ':')}`).join('&');
+/** @param {[string, string][]} words */
+const toHash = (words) => words.map(([name, value]) =>
+  `${name}=${encodeURIComponent(value).replace(/%2C/g, ',').replace(/%3A/g, ':')}`).join('&');
+
+/** @param {FrameRequest} state the part of an address after '#', and the query of the gateway's pictures and meshes */
+export const stateToHash = (state) => toHash(stateToWords(state));
+
+/**
+ * A shorter one for links: many labels with the colours of the dataset are one word, `labels=1-45`, which only pages read.
+ * @param {FrameRequest} state @param {any} dataset
+ */
+export function stateToLink(state, dataset) {
+  const surfaces = state.surfaces ?? [];
+  const { listed, rest } = listedLabels(surfaces.filter(isOfLabels), dataset);
+  if (listed.length === 0) {
+    return stateToHash(state);
+  }
+  const words = stateToWords(state).filter(([name]) => name !== 'label');
+  const first = words.findIndex(([name]) => !['dataset', 'field', 'step', 'time', 'surface'].includes(name));
+  const labels = stateToWords({ surfaces: rest }).filter(([name]) => name === 'label');
+  words.splice(first < 0 ? words.length : first, 0, ...listed.map((value) => /** @type {[string, string]} */ (['labels', value])), ...labels);
+  return toHash(words);
 }
 
 /**
@@ -237,6 +256,11 @@ class Link {
    * @type {any}
    */
   plain = null;
+  /**
+   * Labels of the word `labels`, which a word `label` gives another colour.
+   * @type {Set<number>}
+   */
+  listed = new Set();
 
   /** @param {Record<string, any>} part of the field and time that are shown */
   select(part) {
@@ -328,9 +352,28 @@ const WORDS = {
     const mixed = color ? link.color('label', color, alpha?.[0]) : undefined;
     if (alpha && mixed !== null) {
       // The page knows the colours of the dataset, the link does not.
-      (link.state.surfaces ??= []).push({ labels, ...(mixed ? { color: mixed } : opacity === undefined ? {} : { color: { alpha: alpha[0] } }) });
+      const surface = { labels, ...(mixed ? { color: mixed } : opacity === undefined ? {} : { color: { alpha: alpha[0] } }) };
+      const surfaces = link.state.surfaces ??= [];
+      const listed = labels.length === 1 && link.listed.has(labels[0]) ? indexOfLabel(surfaces, labels[0]) : -1;
+      if (listed >= 0) {
+        surfaces[listed] = surface;
+      } else {
+        surfaces.push(surface);
+      }
     }
   },
+  labels: (link, value) => {
+    const [set, opacity] = value.split(':');
+    const labels = valuesOfText(set, []);
+    const alpha = opacity === undefined ? [1] : link.numbers('labels', opacity, 1);
+    if (!labels) {
+      link.refuse('labels', value, 'it needs values of labels, or ranges as 3-7, with commas between them, at most 256.');
+    } else if (alpha) {
+      (link.state.surfaces ??= []).push(...labels.map((label) => ({ labels: [label], ...(opacity === undefined ? {} : { color: { alpha: alpha[0] } }) })));
+      labels.forEach((label) => link.listed.add(label));
+    }
+  },
+  'smooth-labels': () => {},
   color: (link, value) => { link.plain = link.color('color', value); },
   field: (link, value) => {
     const chosen = fieldFromWord(value);
@@ -436,7 +479,7 @@ const WORDS = {
 };
 
 /** Words that mean something without a value. */
-const ALONE = ['caps', ...EFFECTS.map(({ flag }) => flag)];
+const ALONE = ['caps', 'smooth-labels', ...EFFECTS.map(({ flag }) => flag)];
 
 /**
  * Returns the state of the part of an address after '#', and a sentence for each part that is wrong
@@ -468,6 +511,9 @@ export function stateFromHash(hash) {
   }
   if (state.surfaces) {
     state.surfaces = inOrder(state.surfaces);
+    if ((search.get('smooth-labels') ?? 'null') !== 'null') {
+      state.surfaces = withSmooth(state.surfaces, true);
+    }
   }
   (state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
     if (link.plain && !isOfLabels(surface)) {

@@ -59,7 +59,8 @@ class BlockExtractor::Impl {
                        .stored = layout_.StoredSamplesOf(samples.block_id),
                        .own = layout_.OwnSamplesOf(samples.block_id),
                        .to_world = &to_world_,
-                       .field = field},
+                       .field = field,
+                       .smooths = rule.smooths},
                       &scratch_, &label_scratch_);
     return View(samples.block_id, /*keeps_gradient_magnitudes=*/false, field);
   }

@@ -54,7 +54,7 @@ class BlockExtractor {
 
   // Do the same for a rule, which may be labels: then a vertex is the middle of its edge (t = 1/2),
   // normals are those of the Sobel filter, and a cell has at most 6 triangles (docs/numerics.md,
-  // "Labels").
+  // "Labels"). A smooth rule moves it, to t from 1/4 to 3/4 ("Smooth labels").
   //
   // REQUIRES: the rule has no labels, or keeps_gradient_magnitudes is false.
   mesh::BlockMeshView Extract(const volume::BlockSamples& samples, const volume::InsideRule& rule,

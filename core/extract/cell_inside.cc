@@ -14,8 +14,11 @@
 #include <cstdint>
 #include <optional>
 
+#include "core/base/check.h"
 #include "core/extract/case_table.h"
 #include "core/extract/label_case_table.h"
+#include "core/extract/smooth_fraction.h"
+#include "core/volume/cell_samples.h"
 
 namespace isoscope::extract {
 namespace {
@@ -93,7 +96,7 @@ std::optional<unsigned> CaseOf(const std::array<double, 8>& samples, const IsIns
 // inside:         the set of inside corners
 // triangle_count: of the case
 // edges_of:       the edges of triangle i
-// fraction_of:    t of the vertex on an edge with these corners
+// fraction_of:    t of the vertex on an edge
 template <typename EdgesOf, typename FractionOfEdge>
 bool IsOnInsideOf(unsigned inside, const math::Index3& cell, const Vec3d& position,
                   std::size_t triangle_count, const EdgesOf& edges_of,
@@ -114,15 +117,29 @@ bool IsOnInsideOf(unsigned inside, const math::Index3& cell, const Vec3d& positi
     for (std::size_t i = 0; i < 3; ++i) {
       CellVertex& vertex = vertices[i];
       vertex.edge = edges[i];
-      const EdgeCorners corners = CornersOfEdge(vertex.edge);
-      vertex.position = CornerAt(corners.lower);
+      vertex.position = CornerAt(CornersOfEdge(vertex.edge).lower);
       const int axis = vertex.edge / 4;
       vertex.position[axis] =
-          RoundedFraction(fraction_of(corners), static_cast<double>(cell[axis]));
+          RoundedFraction(fraction_of(vertex.edge), static_cast<double>(cell[axis]));
     }
     is_inside ^= Crosses(from, to, vertices);
   }
   return is_inside;
+}
+
+template <typename FractionOfEdge>
+bool IsInsideLabels(const std::array<double, 8>& samples, const math::Index3& cell,
+                    const Vec3d& position, const volume::InsideRule& rule,
+                    const FractionOfEdge& fraction_of) {
+  const std::optional<unsigned> inside =
+      CaseOf(samples, [&](double sample) { return rule.IsInside(sample); });
+  if (!inside.has_value()) {
+    return false;
+  }
+  const LabelCaseTable& table = GetLabelCaseTable();
+  return IsOnInsideOf(
+      *inside, cell, position, table.TriangleCountOf(*inside),
+      [&](std::size_t triangle) { return table.EdgesOf(*inside, triangle); }, fraction_of);
 }
 
 }  // namespace
@@ -138,7 +155,8 @@ bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell
   return IsOnInsideOf(
       *inside, cell, position, table.triangle_counts[*inside],
       [&](std::size_t triangle) { return table.edges[*inside].data() + 3 * triangle; },
-      [&](const EdgeCorners& corners) {
+      [&](int edge) {
+        const EdgeCorners corners = CornersOfEdge(edge);
         return FractionOf(samples[static_cast<std::size_t>(corners.lower)],
                           samples[static_cast<std::size_t>(corners.upper)], isovalue);
       });
@@ -149,16 +167,19 @@ bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell
   if (!rule.has_labels()) {
     return IsInsideCell(samples, cell, position, rule.isovalue);
   }
-  const std::optional<unsigned> inside =
-      CaseOf(samples, [&](double sample) { return rule.IsInside(sample); });
-  if (!inside.has_value()) {
-    return false;
-  }
-  const LabelCaseTable& table = GetLabelCaseTable();
-  return IsOnInsideOf(
-      *inside, cell, position, table.TriangleCountOf(*inside),
-      [&](std::size_t triangle) { return table.EdgesOf(*inside, triangle); },
-      [](const EdgeCorners&) { return 0.5; });
+  ISOSCOPE_DCHECK(!rule.smooths);
+  return IsInsideLabels(samples, cell, position, rule, [](int) { return 0.5; });
+}
+
+bool IsInsideSmoothCell(const volume::BlockSamples& samples, const math::IndexBox& stored,
+                        const math::Index3& cell, const Vec3d& position,
+                        const volume::InsideRule& rule) {
+  return IsInsideLabels(
+      volume::SamplesOfCell(samples, stored, cell), cell, position, rule, [&](int edge) {
+        const int lower = CornersOfEdge(edge).lower;
+        return SmoothFraction(samples, stored,
+                              cell + math::Index3{lower & 1, lower >> 1 & 1, lower >> 2}, edge / 4);
+      });
 }
 
 }  // namespace isoscope::extract

@@ -5,7 +5,9 @@
 
 #include <array>
 
+#include "core/math/box.h"
 #include "core/math/vec.h"
+#include "core/volume/block_samples.h"
 #include "core/volume/inside_rule.h"
 
 namespace isoscope::extract {
@@ -22,8 +24,17 @@ namespace isoscope::extract {
 bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
                   const math::Vec3d& position, double isovalue);
 // Does the same for a rule. For labels it follows the triangles of label_case_table.h.
+//
+// REQUIRES: the rule is not smooth.
 bool IsInsideCell(const std::array<double, 8>& samples, const math::Index3& cell,
                   const math::Vec3d& position, const volume::InsideRule& rule);
+// Does the same for a smooth rule, whose vertices depend on the samples around the cell, too. A
+// position outside of the cell counts as the nearest one within.
+//
+// REQUIRES: the cell is one of the block's own.
+bool IsInsideSmoothCell(const volume::BlockSamples& samples, const math::IndexBox& stored,
+                        const math::Index3& cell, const math::Vec3d& position,
+                        const volume::InsideRule& rule);
 
 }  // namespace isoscope::extract
 

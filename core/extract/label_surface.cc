@@ -1,4 +1,4 @@
-// A block is extracted in four steps:
+// A block is extracted in four steps, or five:
 //
 //   1. Mark: 1 for each sample that is a label, else 0; NaN stays NaN.
 //   2. The kernels of isovalues extract the surface of the marks at 1/2, with the case table of
@@ -6,6 +6,8 @@
 //   3. AddLastTriangles: those kernels write five triangles of a cell; 14 cases have a sixth.
 //   4. ReplaceNormals: central differences of marks have few directions. The Sobel filter has more,
 //      for it sees all 27 samples around.
+//   5. SmoothVertices, of a smooth surface: vertices move along their edges (smooth_fraction.h), and
+//      values of another field are those of the new places.
 //
 // The filter wants neighbours on all sides. Where the volume ends, marks are copied to a larger
 // box, whose outermost layer repeats the nearest sample of the volume on each axis. Vertices keep
@@ -20,9 +22,12 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
+#include <span>
 
 #include "core/extract/bit_row.h"
+#include "core/extract/field_values.h"
 #include "core/extract/label_case_table.h"
+#include "core/extract/smooth_fraction.h"
 
 namespace isoscope::extract {
 namespace {
@@ -171,6 +176,41 @@ void ReplaceNormals(const LabelTask& task, bool has_nan, BlockScratch* block,
   }
 }
 
+// Step 5.
+void SmoothVertices(const LabelTask& task, BlockScratch* block, LabelScratch* scratch) {
+  const std::array<std::size_t, 3> strides{1, task.shape->row, task.shape->slice};
+  std::size_t first = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t count = block->edge_counts[axis];
+    const std::span<const std::uint32_t> lower = std::span(block->edge_samples[axis]).first(count);
+    Grow(count, &scratch->fractions);
+    FillSmoothFractions(*task.samples, task.stored.dims(), static_cast<int>(axis), lower,
+                        scratch->fractions.data());
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t steps = axis == 0   ? lower[i] % strides[1]
+                                : axis == 1 ? lower[i] % strides[2] / strides[1]
+                                            : lower[i] / strides[2];
+      const auto begin = static_cast<double>(task.stored.begin[static_cast<int>(axis)]);
+      block->positions[first + i][static_cast<int>(axis)] =
+          static_cast<float>(begin + static_cast<double>(steps) + scratch->fractions[i]);
+    }
+    if (task.field != nullptr) {
+      scratch->ones.resize(std::max(scratch->ones.size(), count), 1.0);
+      const VerticesOnEdges vertices{.count = count,
+                                     .lower_samples = lower.data(),
+                                     .upper_distance = strides[axis],
+                                     .numerators = scratch->fractions.data(),
+                                     .denominators = scratch->ones.data()};
+      if (HasWideValues(task.field->type)) {
+        FillFieldValues(*task.field, vertices, block->wide_values.data() + first);
+      } else {
+        FillFieldValues(*task.field, vertices, block->values.data() + first);
+      }
+    }
+    first += count;
+  }
+}
+
 }  // namespace
 
 void ExtractLabelBlock(const LabelTask& task, BlockScratch* block, LabelScratch* scratch) {
@@ -193,6 +233,9 @@ void ExtractLabelBlock(const LabelTask& task, BlockScratch* block, LabelScratch*
   }
   AddLastTriangles(*task.shape, block);
   ReplaceNormals(task, has_nan, block, scratch);
+  if (task.smooths) {
+    SmoothVertices(task, block, scratch);
+  }
 }
 
 }  // namespace isoscope::extract

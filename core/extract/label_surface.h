@@ -26,6 +26,7 @@ struct LabelTask {
   math::IndexBox own;     // without
   const math::Mat3d* to_world = nullptr;
   const volume::BlockSamples* field = nullptr;  // of the vertices' values, or none
+  bool smooths = false;                         // volume::InsideRule::smooths
 };
 
 // Scratch space that only grows.
@@ -39,6 +40,8 @@ struct LabelScratch {
   std::vector<std::uint32_t> sobel;  // by padded sample
   std::vector<std::uint32_t> sobel_of_numbers;
   std::vector<std::uint32_t> padded_edge_samples;
+  std::vector<double> fractions;  // of smooth surfaces, by vertex of an axis
+  std::vector<double> ones;
   SobelScratch lines;
 };
 

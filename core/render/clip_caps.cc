@@ -125,13 +125,20 @@ CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable
   return Need::kNothing;
 }
 
+// own_cell: that of the crossing. Smooth solids look there alone, at the point of it that is nearest:
+// of a cell beside, the block may not have all samples that place its vertices.
 std::optional<CapPainter::Filling> CapPainter::FillingAt(const volume::BlockSamples& samples,
+                                                         const math::Index3& own_cell,
                                                          const math::Vec3d& position) const {
   const math::Index3 cell = volume::CellAt(layout_, position);
-  const std::array<double, 8> corners =
-      volume::SamplesOfCell(samples, layout_.StoredSamplesOf(samples.block_id), cell);
+  const math::IndexBox stored = layout_.StoredSamplesOf(samples.block_id);
+  const std::array<double, 8> corners = volume::SamplesOfCell(samples, stored, cell);
   for (const Solid& solid : solids_) {
-    if (extract::IsInsideCell(corners, cell, position, solid.rule)) {
+    const bool is_inside =
+        solid.rule.smooths
+            ? extract::IsInsideSmoothCell(samples, stored, own_cell, position, solid.rule)
+            : extract::IsInsideCell(corners, cell, position, solid.rule);
+    if (is_inside) {
       return Filling{&solid,
                      sample_color_ == nullptr ? 0 : volume::ValueInCell(corners, cell, position)};
     }
@@ -157,7 +164,8 @@ std::optional<CapPainter::Filling> CapPainter::FillingBeside(const volume::Block
     if (std::max({std::abs(offset.x), std::abs(offset.y), std::abs(offset.z)}) > 1) {
       continue;
     }
-    if (const std::optional<Filling> filling = FillingAt(samples, other->position)) {
+    if (const std::optional<Filling> filling =
+            FillingAt(samples, volume::CellAt(layout_, crossing.position), other->position)) {
       return filling;
     }
   }
@@ -237,7 +245,8 @@ void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
         if (samples == nullptr) {
           filling = Filling{.solid = all_inside};
         } else {
-          filling = FillingAt(*samples, crossing->position);
+          filling =
+              FillingAt(*samples, volume::CellAt(layout_, crossing->position), crossing->position);
           if (!filling.has_value()) {
             filling = FillingBeside(*samples, center_x, center_y, *crossing, is_entry);
           }

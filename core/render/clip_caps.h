@@ -100,6 +100,7 @@ class CapPainter {
   };
 
   [[nodiscard]] std::optional<Filling> FillingAt(const volume::BlockSamples& samples,
+                                                 const math::Index3& own_cell,
                                                  const math::Vec3d& position) const;
   [[nodiscard]] std::optional<Filling> FillingBeside(const volume::BlockSamples& samples, double x,
                                                      double y, const view::ClipCrossing& crossing,

@@ -6,6 +6,9 @@
 // 3. Pieces that are flat are left out. Each corner of the others becomes a vertex: that of the
 //    extractor where all around is plain, else that of its fan (surface_fans.h).
 //
+// Pieces of smooth labels are made of the middles of edges, as those of others, and their vertices
+// moved at the end. No vertex comes near to a sample, so nothing coincides that did not before.
+//
 // Blocks that share a vertex see the same cells around it, because blocks store a layer of ghost
 // samples. So they agree on its position and its copy number.
 
@@ -284,7 +287,7 @@ std::uint32_t BlockSurface::VertexOf(PartId corner) {
       *slot = static_cast<std::uint32_t>(vertices_.size());
       const SolidVertex& plain = pool_[vertex];
       vertices_.push_back(
-          {.position = plain.position, .normal = plain.normal, .order = plain.order});
+          {.position = pool_.MeshPositionOf(vertex), .normal = plain.normal, .order = plain.order});
     }
     return *slot;
   }
@@ -311,9 +314,10 @@ BlockSurface::MeshVertex BlockSurface::VertexOfFan(FanId fan) {
     }
   }
   ISOSCOPE_CHECK(first.has_value());
-  const SolidVertex vertex = pool_[seams_.VertexOf(*first)];
+  const VertexId id = seams_.VertexOf(*first);
+  const SolidVertex vertex = pool_[id];
   const Tag tag = complex_.piece(PieceOf(SideOfPart(*first))).tag;
-  return {.position = fans_.PositionOf(fan),
+  return {.position = field_.rule().smooths ? pool_.MeshPositionOf(id) : fans_.PositionOf(fan),
           .normal = tag == kSurfaceTag ? vertex.normal : NormalOfTag(tag),
           .order = vertex.order,
           .copy = fans_.CopyOf(fan)};

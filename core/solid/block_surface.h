@@ -59,6 +59,8 @@ class BlockSurface {
 
   // Replaces `mesh` by the part of the surface in the block's cells, without edge keys, and adds
   // that part to `sums`, which may be null.
+  // REQUIRES: without half-spaces or box, if the rule is smooth: cuts would need the samples around
+  // the ghost layer.
   // Vertices are told apart by position and copy number (mesh::BlockMesh::copies). Each side of a
   // triangle is that of one more triangle, which may be another block's, or open.
   void Extract(const volume::BlockSamples& samples, const volume::InsideRule& rule,

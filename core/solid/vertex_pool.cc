@@ -37,7 +37,8 @@ VertexId VertexPool::Add(const math::Vec3f& position, const math::Vec3f& normal,
 }
 
 math::Vec3f VertexPool::PositionOnEdge(SampleIndex lower, int axis) const {
-  // As the extractor places it, bit for bit (docs/numerics.md, "Vertex position").
+  // As the extractor places it, bit for bit (docs/numerics.md, "Vertex position"); labels before they
+  // are smoothed.
   double t = 0.5;
   if (!field_->rule().has_labels()) {
     const extract::Fraction fraction = extract::CarefulFraction(
@@ -57,12 +58,23 @@ VertexId VertexPool::OnEdge(SampleIndex lower, int axis) {
   if (on_edges_[edge] == kNone) {
     const std::uint32_t mesh_vertex = mesh_vertices_[edge];
     const auto key = static_cast<std::uint32_t>(edge);
-    on_edges_[edge] =
-        mesh_vertex != kNone
-            ? Add(mesh_->positions[mesh_vertex], mesh_->normals[mesh_vertex], {0, mesh_vertex}, key)
-            : Add(PositionOnEdge(lower, axis), {}, {0, kFirstOther + key}, key);
+    // Edges of other blocks' cells have no smooth place here: their samples' neighbours are missing.
+    const bool has_place = mesh_vertex != kNone && !field_->rule().smooths;
+    const math::Vec3f position =
+        has_place ? mesh_->positions[mesh_vertex] : PositionOnEdge(lower, axis);
+    on_edges_[edge] = mesh_vertex != kNone
+                          ? Add(position, mesh_->normals[mesh_vertex], {0, mesh_vertex}, key)
+                          : Add(position, {}, {0, kFirstOther + key}, key);
   }
   return on_edges_[edge];
+}
+
+math::Vec3f VertexPool::MeshPositionOf(VertexId id) const {
+  const std::uint32_t edge = edge_of_vertex_[id];
+  if (!field_->rule().smooths || edge == kNoEdge || mesh_vertices_[edge] == kNone) {
+    return vertices_[id].position;
+  }
+  return mesh_->positions[mesh_vertices_[edge]];
 }
 
 VertexId VertexPool::AtSample(SampleIndex sample) {

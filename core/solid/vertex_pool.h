@@ -22,7 +22,7 @@ namespace isoscope::solid {
 using VertexId = std::uint32_t;
 
 struct SolidVertex {
-  math::Vec3f position;  // index space
+  math::Vec3f position;  // index space; of smooth labels before they are smoothed
   // Two vertices coincide iff these are equal: the position as a file has it.
   math::Vec3d place;
   // The normal of the surface, world space. Known on grid edges of the block's own cells, and on
@@ -53,6 +53,9 @@ class VertexPool {
                  int cut_rank);
 
   [[nodiscard]] const SolidVertex& operator[](VertexId id) const { return vertices_[id]; }
+  // Returns the position that the mesh gets. It differs only for a smooth rule: all pieces are made of
+  // the middles of edges, and moved when they are done.
+  [[nodiscard]] math::Vec3f MeshPositionOf(VertexId id) const;
   [[nodiscard]] bool Coincide(VertexId a, VertexId b) const {
     return vertices_[a].place == vertices_[b].place;
   }

@@ -17,10 +17,10 @@ constexpr std::size_t kListedLabels = 8;
 
 InsideRule InsideRule::OfIsovalue(double isovalue) {
   ISOSCOPE_CHECK(std::isfinite(isovalue));
-  return {.isovalue = isovalue, .labels = {}};
+  return {.isovalue = isovalue};
 }
 
-InsideRule InsideRule::OfLabels(std::vector<double> labels) {
+InsideRule InsideRule::OfLabels(std::vector<double> labels, bool smooths) {
   ISOSCOPE_CHECK(!labels.empty());
   for (double& label : labels) {
     ISOSCOPE_CHECK(std::isfinite(label));
@@ -29,7 +29,7 @@ InsideRule InsideRule::OfLabels(std::vector<double> labels) {
   std::sort(labels.begin(), labels.end());
   labels.erase(std::unique(labels.begin(), labels.end()), labels.end());
   ISOSCOPE_CHECK_LE(labels.size(), kMaxLabels);
-  return {.isovalue = 0, .labels = std::move(labels)};
+  return {.isovalue = 0, .labels = std::move(labels), .smooths = smooths};
 }
 
 bool InsideRule::IsInside(double sample) const {
@@ -64,7 +64,8 @@ std::string InsideRule::Text() const {
   if (!has_labels()) {
     return absl::StrCat("isovalue ", isovalue);
   }
-  std::string text = labels.size() == 1 ? "label" : "labels";
+  std::string text =
+      absl::StrCat(smooths ? "smooth " : "", labels.size() == 1 ? "label" : "labels");
   for (std::size_t i = 0; i < labels.size() && i < kListedLabels; ++i) {
     absl::StrAppend(&text, i == 0 ? " " : ", ", labels[i]);
   }

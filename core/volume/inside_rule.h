@@ -23,12 +23,15 @@ struct InsideRule {
   double isovalue = 0;
   // Ascending, distinct, finite, none is -0. Empty: samples are inside from the isovalue on.
   std::vector<double> labels = {};
+  // Whether vertices move along their grid edges, so that steps between labels become slopes. Only
+  // of labels. Which samples are inside, and which edges are crossed, stays the same.
+  bool smooths = false;
 
   // Returns the rule of an isovalue. REQUIRES: it is finite.
   static InsideRule OfIsovalue(double isovalue);
   // Returns the rule of labels in any order. Those that are equal count once.
   // REQUIRES: 1 to kMaxLabels of them, all finite.
-  static InsideRule OfLabels(std::vector<double> labels);
+  static InsideRule OfLabels(std::vector<double> labels, bool smooths = false);
 
   [[nodiscard]] bool has_labels() const { return !labels.empty(); }
   // Returns true if a sample is inside. NaN is not.
@@ -39,8 +42,8 @@ struct InsideRule {
   [[nodiscard]] bool IsActive(double min, double max) const { return IsActive({min, max}); }
   // Returns true if a sample in the span may be inside. False for an empty span.
   [[nodiscard]] bool MayHaveInside(const ScalarSpan& span) const;
-  // Returns "isovalue 3.5" or "labels 3, 7", for logs and errors: not a key. The first 8 labels are
-  // listed, of others the number is told.
+  // Returns "isovalue 3.5", "labels 3, 7" or "smooth labels 3, 7", for logs and errors: not a key.
+  // The first 8 labels are listed, of others the number is told.
   [[nodiscard]] std::string Text() const;
 
   // Equal rules give the same surface of any volume. The order is that of isovalues, then of
@@ -50,7 +53,7 @@ struct InsideRule {
   // For absl::Hash.
   template <typename H>
   friend H AbslHashValue(H hash, const InsideRule& rule) {
-    return H::combine(std::move(hash), rule.isovalue, rule.labels);
+    return H::combine(std::move(hash), rule.isovalue, rule.labels, rule.smooths);
   }
 };
 

@@ -328,7 +328,7 @@ void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::str
   const bool has_labels = std::any_of(points.begin(), points.end(), [](const ShownPoint& point) {
     return point.rule.has_labels();
   });
-  std::vector<const std::vector<double>*> sets;
+  std::vector<const volume::InsideRule*> sets;
   for (const ShownPoint& point : points) {
     *request->add_points() = wire::ToProto(point.position);
     request->add_block_ids(point.block_id);
@@ -345,12 +345,14 @@ void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::str
       request->add_label_set_indices(-1);
       continue;
     }
-    const std::vector<double>& labels = point.rule.labels;
+    const volume::InsideRule& rule = point.rule;
     auto set = std::find_if(sets.begin(), sets.end(),
-                            [&](const std::vector<double>* known) { return *known == labels; });
+                            [&](const volume::InsideRule* known) { return *known == rule; });
     if (set == sets.end()) {
-      request->add_label_sets()->mutable_labels()->Assign(labels.begin(), labels.end());
-      set = sets.insert(sets.end(), &labels);
+      internal::LabelSet& proto = *request->add_label_sets();
+      proto.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
+      proto.set_smooth_labels(rule.smooths);
+      set = sets.insert(sets.end(), &rule);
     }
     request->add_label_set_indices(static_cast<std::int32_t>(set - sets.begin()));
   }

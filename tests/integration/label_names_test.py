@@ -118,6 +118,42 @@ class LabelNamesTest(unittest.TestCase):
         self.output_of('render', self.seg, '--like', picture, '-o', self.path('again.png'))
         self.assertEqual(read_png(picture), read_png(self.path('again.png')))
 
+    def test_smooth_labels_differ_and_are_made_again_from_their_record(self):
+        smooth = self.picture('smooth.png', self.seg, '--labels', 'all', '--smooth-labels')
+        rough = self.picture('rough.png', self.seg, '--labels', 'all')
+        self.assertNotEqual(read_png(smooth), read_png(rough))
+        self.output_of('render', self.seg, '--like', smooth, '-o', self.path('again.png'))
+        self.assertEqual(read_png(smooth), read_png(self.path('again.png')))
+        done = self.call('export', self.seg, '--labels', 'all', '--smooth-labels', '--clip-plane', '1,0,0,12', '-o', self.path('no.obj'))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("a smooth mesh can't be cut", done.stderr)
+        done = self.call('render', self.seg, '--isovalue', '1', '--smooth-labels', '-o', self.path('no.png'))
+        self.assertEqual(done.returncode, 2)
+        self.assertIn('--smooth-labels', done.stderr)
+
+    def test_a_segmentation_opens_as_labels_with_names_or_without(self):
+        ball = self.path('suggested.nrrd')
+        self.output_of('generate', 'labels', '--regions', '9', '--dims', '48,48,48', '-o', ball)
+        histogram = json.loads(self.output_of('info', ball, '--histogram', '--json'))['histogram']
+        self.assertEqual(histogram['suggested_labels'], list(range(1, 10)))
+        self.assertIn('--labels all', self.output_of('info', ball, '--histogram'))
+        with open(ball, 'rb') as file:
+            header, samples = file.read().split(b'\n\n', 1)
+        bare = self.path('bare.nrrd')
+        with open(bare, 'wb') as file:
+            file.write(b'\n'.join(line for line in header.split(b'\n') if not line.startswith(b'Segment')) + b'\n\n' + samples)
+        for path in (ball, bare):
+            commands = json.loads(self.output_of('info', path, '--json'))['volume']['commands']
+            self.assertEqual(len(commands), 1)
+            self.assertTrue(commands[0].endswith(' --labels all'), commands)
+        histogram = json.loads(self.output_of('info', bare, '--histogram', '--json'))['histogram']
+        self.assertEqual(histogram['suggested_labels'], list(range(1, 10)))
+        field = self.path('field.nrrd')
+        self.output_of('generate', 'gyroid', '--dims', '48,48,48', '--type', 'uint8', '-o', field)
+        self.assertIn(' --isovalue ', json.loads(self.output_of('info', field, '--json'))['volume']['commands'][0])
+        histogram = json.loads(self.output_of('info', field, '--histogram', '--json'))['histogram']
+        self.assertEqual(histogram['suggested_labels'], [])
+
     def test_labels_and_an_isovalue_go_together(self):
         _, rows = read_png(self.picture('both.png', self.seg, '--isovalue', '1.5', '--color', '#00ff00', '--label', '1'))
         self.assertGreater(rows[48][30][0], 2 * rows[48][30][2])

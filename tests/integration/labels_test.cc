@@ -387,8 +387,60 @@ TEST_F(LabelsTest, CutsAndSurfacesAmongIsovaluesAreThoseOfAnyNumberOfAgents) {
   }
 }
 
+TEST_F(LabelsTest, SmoothPicturesAndMeshesAreThoseOfAnyNumberOfAgents) {
+  std::string first;
+  std::string first_cut;
+  std::vector<math::Vec3f> first_positions;
+  for (const int shard_count : kShardCounts) {
+    SCOPED_TRACE(shard_count);
+    ASSERT_NO_FATAL_FAILURE(StartCluster("grains", shard_count));
+    v1::RenderIsosurfaceRequest request = Request();
+    request.clear_surfaces();
+    v1::ExportIsosurfaceRequest mesh_request;
+    for (const double label : {1.0, 2.0, 3.0, 4.0}) {
+      *request.add_surfaces() = LabelSurface({label}, static_cast<float>(label) / 4);
+      *mesh_request.add_surfaces() = LabelSurface({label}, 1);
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse rough, Render(request));
+    for (int i = 0; i < 4; ++i) {
+      request.mutable_surfaces(i)->set_smooth_labels(true);
+      mesh_request.mutable_surfaces(i)->set_smooth_labels(true);
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse smooth, Render(request));
+    EXPECT_NE(smooth.png(), rough.png());
+    request.set_culling(v1::CULLING_NONE);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse all, Render(request));
+    EXPECT_EQ(all.png(), smooth.png());
+    v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+    half_space->mutable_normal()->set_x(-1);
+    half_space->mutable_normal()->set_z(-2);
+    half_space->set_offset(-40.3);
+    request.mutable_caps();
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse cut, Render(request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Mesh mesh, Export(mesh_request));
+    for (const std::vector<std::int64_t>& triangles : mesh.triangles) {
+      EXPECT_GT(triangles.size(), 1000U);
+      EXPECT_EQ(FlawCount(mesh, triangles), 0U);
+    }
+    if (first.empty()) {
+      first = smooth.png();
+      first_cut = cut.png();
+      first_positions = mesh.positions;
+    }
+    EXPECT_EQ(smooth.png(), first);
+    EXPECT_EQ(cut.png(), first_cut);
+    EXPECT_EQ(mesh.positions, first_positions);
+  }
+}
+
 TEST_F(LabelsTest, WrongRequestsAreNamed) {
   ASSERT_NO_FATAL_FAILURE(StartCluster("boxes", 1));
+  v1::ExportIsosurfaceRequest mesh;
+  *mesh.add_surfaces() = LabelSurface({kLeft}, 1);
+  mesh.mutable_surfaces(0)->set_smooth_labels(true);
+  mesh.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  EXPECT_THAT(Export(mesh), StatusIs(absl::StatusCode::kInvalidArgument,
+                                     HasSubstr("surfaces[0].smooth_labels is set beside clip")));
   v1::RenderIsosurfaceRequest request = Request();
   request.mutable_surfaces(1)->set_isovalue(5);
   EXPECT_THAT(Render(request), StatusIs(absl::StatusCode::kInvalidArgument,

@@ -76,7 +76,7 @@ absl::Status UnknownParameter(const std::string& name,
                    " there are: ", absl::StrJoin(names, ", ")));
 }
 
-// Parses the parameters as flags of `set`. REQUIRES: each flag has one name.
+// Parses the parameters as flags of `set`. A switch needs no value. REQUIRES: each flag has one name.
 absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
   const std::vector<cli::FlagDescription> parameters = set->Describe();
   std::vector<std::string> arguments;

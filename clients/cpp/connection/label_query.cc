@@ -18,6 +18,7 @@ namespace {
 
 constexpr const char* kFeature = "labels";
 constexpr const char* kValuesFeature = "label_values";
+constexpr const char* kSmoothFeature = "smooth_labels";
 constexpr int kMaxBins = 4096;     // as many as there are exact ones
 constexpr int kMaxValues = 65536;  // as many labels as a dataset has names of
 
@@ -39,6 +40,11 @@ absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const Selection
     return absl::FailedPreconditionError(
         absl::StrCat("the server, version ", capabilities.version(),
                      ", does not know surfaces of labels: it is older than this program"));
+  }
+  if (flags->smooths && !has(kSmoothFeature)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("--smooth-labels: the server, version ", capabilities.version(),
+                     ", does not smooth labels: it is older than this program"));
   }
   std::optional<std::vector<double>> present;
   std::string why;

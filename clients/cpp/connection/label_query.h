@@ -17,7 +17,7 @@ class ServiceClient;
 // Resolves the flags (ResolveLabels); of --labels all by the values of the samples of the selected
 // field, if these are whole numbers. It reads all samples, unless they are integers of a small
 // range. Does nothing without flags. FAILED_PRECONDITION: the coordinator does not know surfaces of
-// labels. Otherwise errors of ResolveLabels and of the calls.
+// labels, or smooth ones. Otherwise errors of ResolveLabels and of the calls.
 absl::Status ResolveLabels(const isoscope::v1::Dataset& dataset, const SelectionFlags& selection,
                            absl::Duration timeout, ServiceClient* client, LabelFlags* flags,
                            std::size_t max_surfaces = frame::kMaxSurfaces);

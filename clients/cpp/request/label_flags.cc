@@ -277,9 +277,15 @@ void AddLabelFlags(cli::FlagSet* set, LabelFlags* flags, bool has_opacity) {
   set->Add("--labels", "all", wants_all,
            "a surface for each label: each value of the samples but 0, if all are whole numbers; "
            "else each that has a name");
+  set->AddSwitch("--smooth-labels", &flags->smooths,
+                 "make slopes of the steps between labels; neighbours still meet without gaps");
 }
 
 absl::Status CheckUsage(const LabelFlags& flags, std::size_t max_surfaces) {
+  if (flags.smooths && flags.empty()) {
+    return cli::UsageError(
+        "--smooth-labels smooths surfaces of labels: give --label SET or --labels all");
+  }
   if (flags.wants_all && !flags.sets.empty()) {
     return cli::UsageError("--labels all draws every label: leave --label out");
   }
@@ -347,6 +353,7 @@ absl::Status ResolveLabels(const v1::Dataset& dataset,
                               AllLabels(dataset, present, max_surfaces, why));
     for (const double value : values) {
       flags->surfaces.push_back(SurfaceOf({value}, {}, dataset));
+      flags->surfaces.back().is_smooth = flags->smooths;
     }
     return absl::OkStatus();
   }
@@ -354,6 +361,7 @@ absl::Status ResolveLabels(const v1::Dataset& dataset,
   for (const LabelValue& given : flags->sets) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<double> values, ValuesOf(given.set, names));
     flags->surfaces.push_back(SurfaceOf(std::move(values), given, dataset));
+    flags->surfaces.back().is_smooth = flags->smooths;
   }
   return absl::OkStatus();
 }
@@ -373,6 +381,7 @@ void AddTo(const LabelSurface& surface, v1::Surface* proto) {
   for (const double value : surface.values) {
     proto->add_labels(value);
   }
+  proto->set_smooth_labels(surface.is_smooth);
   proto->mutable_color()->set_red(surface.color.red);
   proto->mutable_color()->set_green(surface.color.green);
   proto->mutable_color()->set_blue(surface.color.blue);

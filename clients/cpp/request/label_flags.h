@@ -45,7 +45,8 @@ struct LabelSurface {
   std::vector<double> values = {};  // ascending, distinct, finite, at least one
   frame::Color color = {};
   bool is_color_given = false;  // by the flag
-  std::string name = {};        // for people: "left lung", or "label 3"
+  bool is_smooth = false;
+  std::string name = {};  // for people: "left lung", or "label 3"
 
   friend bool operator==(const LabelSurface&, const LabelSurface&) = default;
 };
@@ -53,9 +54,10 @@ struct LabelSurface {
 struct LabelFlags {
   std::vector<LabelValue> sets = {};
   bool wants_all = false;                   // --labels all: each but 0
+  bool smooths = false;                     // --smooth-labels: all of them
   std::vector<LabelSurface> surfaces = {};  // resolved
 
-  // True if there is no such flag.
+  // True if no flag names a label.
   [[nodiscard]] bool empty() const { return sets.empty() && !wants_all; }
   // The number of surfaces; unknown, and 0, of --labels all that is not resolved.
   [[nodiscard]] std::size_t surface_count() const {
@@ -69,7 +71,8 @@ void AddLabelFlags(cli::FlagSet* set, LabelFlags* flags, bool has_opacity = true
 // For files and measures: a frame has a limit of surfaces, an export has none.
 inline constexpr std::size_t kAnyNumberOfSurfaces = std::numeric_limits<int>::max();
 
-// UsageError if there are more surfaces than `max_surfaces`, or both flags.
+// UsageError if there are more surfaces than `max_surfaces`, both flags for labels, or --smooth-labels
+// without labels.
 absl::Status CheckUsage(const LabelFlags& flags, std::size_t max_surfaces = frame::kMaxSurfaces);
 
 // True if a histogram of 4096 bins tells the values of the samples: integers whose range is as

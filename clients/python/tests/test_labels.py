@@ -82,6 +82,24 @@ def test_a_server_that_does_not_know_labels_is_not_asked():
     _request.expect_dataset(_request.frame(info(), 3), info(), old)
 
 
+def test_smooth_labels_are_a_property_of_their_surfaces_alone():
+    request = _request.frame(info(labels=KNOWN), 60, labels=[3, (7, 8)], smooth_labels=True)
+    assert [one.smooth_labels for one in request.surfaces] == [False, True, True]
+    request = _request.export(info(), None, [isoscope.Surface(labels=3, smooth=True), isoscope.Surface(labels=4)], None)
+    assert [one.smooth_labels for one in request.surfaces] == [True, False]
+    with pytest.raises(InvalidArgumentError, match="give labels"):
+        _request.frame(info(), 60, smooth_labels=True)
+    with pytest.raises(InvalidArgumentError, match="must have labels"):
+        _request.frame(info(), None, surfaces=isoscope.Surface(60, smooth=True))
+
+
+def test_a_server_that_does_not_smooth_labels_is_not_asked():
+    old = Capabilities("0.1", 1024, 1, 1, 1, 1.0, features=frozenset({"labels"}))
+    with pytest.raises(FailedPreconditionError, match="does not smooth"):
+        _request.expect_dataset(_request.frame(info(), None, labels=3, smooth_labels=True), info(), old)
+    _request.expect_dataset(_request.frame(info(), None, labels=3), info(), old)
+
+
 def counted(edges, counts, has_counts=True):
     edges = np.array(edges, np.float64)
     counts = np.array(counts, np.int64)
@@ -147,6 +165,24 @@ def test_the_mesh_of_a_label_is_closed(boxes):
         forward = {tuple(edge) for edge in edges.tolist()}
         assert len(forward) == len(edges)
         assert {(b, a) for a, b in forward} == forward
+
+
+def test_a_segmentation_suggests_its_labels_and_other_samples_none(programs, boxes):
+    assert boxes.histogram().suggested_labels == (1.0, 2.0)
+    slope = np.linspace(0, 1, 24**3, dtype=np.float32).reshape(24, 24, 24)
+    with isoscope.serve(slope) as client:
+        assert client.dataset().histogram().suggested_labels == ()
+
+
+def test_smooth_labels_move_vertices_and_keep_the_triangles_closed(boxes):
+    rough, smooth = (boxes.mesh(labels="all", smooth_labels=smooth) for smooth in (False, True))
+    assert np.array_equal(rough.triangles, smooth.triangles) and smooth.is_closed
+    moved = np.abs(rough.points - smooth.points)
+    assert 0 < moved.max() <= 0.25
+    assert (np.count_nonzero(moved, axis=1) <= 1).all()  # along the edge alone
+    assert boxes.render(labels="all", smooth_labels=True, size=96).png != boxes.render(labels="all", size=96).png
+    with pytest.raises(InvalidArgumentError, match="clip"):
+        boxes.mesh(labels="all", smooth_labels=True, clip=isoscope.Clip(planes=[(1, 0, 0, 12)]))
 
 
 def test_the_async_client_has_the_same(boxes):

@@ -524,6 +524,44 @@ class LabelTest(PageTest):
         ActionChains(self.browser).move_to_element_with_offset(view, 3, 3).click().perform()
         self.until('isoscope.view.loop.overlay.pins.length === 1')
         self.assertEqual('<b>heart</b> (3)', self.browser.find_element(By.CSS_SELECTOR, '#points dd.label').text)
+        self.assertEqual('3', self.js('return document.querySelector("#label-list .chosen").dataset.label'))
+        self.assertTrue(self.browser.find_element(By.ID, 'label-only').is_displayed())
+
+    def test_a_segmentation_opens_as_labels_and_a_chosen_one_is_shown_alone_hidden_and_highlighted(self):
+        self.open_and_wait('#dataset=organs')
+        self.until_labels([[1], [2], [3]])
+        alphas = 'isoscope.view.state.surfaces.map((one) => one.color.alpha).join()'
+        self.assertFalse(self.browser.find_element(By.ID, 'label-actions').is_displayed())
+        self.browser.find_element(By.CSS_SELECTOR, '#label-list [data-label="2"] .name').click()
+        self.assertEqual('right lung', self.browser.find_element(By.CSS_SELECTOR, '#label-actions .name').text)
+        self.browser.find_element(By.ID, 'label-only').click()
+        self.until_labels([[2]])
+        self.browser.find_element(By.ID, 'labels-all').click()
+        self.until_labels([[1], [2], [3]])
+        self.browser.find_element(By.ID, 'label-highlight').click()
+        self.until(f'isoscope.view.isExact && {alphas} === "0.15,1,0.15"')
+        self.assertEqual('true', self.browser.find_element(By.ID, 'label-highlight').get_attribute('aria-pressed'))
+        self.browser.find_element(By.ID, 'label-highlight').click()
+        self.until(f'isoscope.view.isExact && {alphas} === "1,1,1"')
+        self.browser.find_element(By.ID, 'label-hide').click()
+        self.until_labels([[1], [3]])
+        self.assertFalse(self.browser.find_element(By.ID, 'label-highlight').is_enabled())
+        self.browser.find_element(By.CSS_SELECTOR, '#label-list [data-label="2"] .name').click()
+        self.assertFalse(self.browser.find_element(By.ID, 'label-actions').is_displayed())
+
+    def test_labels_are_smooth_together_also_in_a_link(self):
+        self.open_and_wait('#dataset=organs&label=1&label=2')
+        smooth = self.browser.find_element(By.ID, 'labels-smooth')
+        self.until('!document.getElementById("smooth-switch").hidden')
+        smooth.click()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.every((one) => one.smoothLabels)')
+        self.check(3)
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.length === 3 && isoscope.view.state.surfaces[2].smoothLabels')
+        self.until('/smooth-labels=/.test(location.hash)')
+        self.browser.refresh()
+        self.until('isoscope.view.isExact && document.getElementById("labels-smooth").checked')
+        self.browser.find_element(By.ID, 'labels-smooth').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.every((one) => !one.smoothLabels)')
 
     def test_without_labels_there_is_no_list_of_them_until_a_link_has_some(self):
         self.open_and_wait('#dataset=ball&surface=40')
@@ -1167,9 +1205,12 @@ class RealTest(RealPageTest):
         ball = os.path.join(self.folder, 'ball.nrrd')
         subprocess.run([self.program, 'generate', 'labels', '--dims', '40,40,40', '--regions', '7', '--output', ball], check=True,
                        stdout=subprocess.DEVNULL, env=self.environment)
-        for flags, labels in ((['--labels', 'all'], [[1], [2], [3], [4], [5], [6], [7]]),
-                              (['--isovalue', '6.5', '--label', 'core', '--label', '2-4,cell 6:teal:0.5', '--label', '5::0.25'],
-                               [6.5, [1], [2, 3, 4, 6], [5]])):
+        every = [[1], [2], [3], [4], [5], [6], [7]]
+        several = ['--isovalue', '6.5', '--label', 'core', '--label', '2-4,cell 6:teal:0.5', '--label', '5::0.25']
+        for flags, drawn, labels in (([], ['--labels', 'all'], every),
+                                     (['--labels', 'all'], ['--labels', 'all'], every),
+                                     (['--labels', 'all', '--smooth-labels'], ['--labels', 'all', '--smooth-labels'], every),
+                                     (several, several, [6.5, [1], [2, 3, 4, 6], [5]])):
             server = subprocess.Popen([self.program, 'view', ball, *flags, '--no-open', '--listen', '127.0.0.1:0', '--renderer', 'cpu'],
                                       stdout=subprocess.PIPE, text=True, env=self.environment)
             try:
@@ -1181,7 +1222,7 @@ class RealTest(RealPageTest):
                 self.assertEqual(len([one for one in labels if one != 6.5 and len(one) == 1]),
                                  len(self.browser.find_elements(By.CSS_SELECTOR, '#label-list :checked')))
                 shown = self.picture()
-                subprocess.run([self.program, 'render', ball, '--renderer', 'cpu', *flags, '--width', str(shown[0]), '--height', str(shown[1]),
+                subprocess.run([self.program, 'render', ball, '--renderer', 'cpu', *drawn, '--width', str(shown[0]), '--height', str(shown[1]),
                                 '--background', '#0b0e14', '--output', 'labels.png'], check=True, cwd=self.folder,
                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
                 with open(os.path.join(self.folder, 'labels.png'), 'rb') as file:

@@ -48,6 +48,7 @@ const STATES = {
   'translucent surfaces': { surfaces: [{ isovalue: 60, color: { ...SURFACE.color, alpha: 0.35 } }, SURFACE], maxLayers: 12 },
   'one coloured surface of two': { surfaces: [colored('POSITION_X'), SURFACE] },
   'labels, one a set': { surfaces: [{ labels: [100], color: SURFACE.color }, { labels: [3, 4, 5, 90.5], color: { ...SURFACE.color, alpha: 0.4 } }] },
+  'smooth labels': { surfaces: [{ labels: [100], color: SURFACE.color, smoothLabels: true }] },
   'an isovalue and no label': { surfaces: [SURFACE, { labels: [-1], color: SURFACE.color }] },
   normal: { surfaces: [colored('NORMAL')] },
   gradient: { surfaces: [colored('GRADIENT_MAGNITUDE', { opacity: { atMin: 0.2, atMax: 1 } })] },

@@ -4,10 +4,10 @@ import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
 import {
-  LABEL_COLORS, allLabels, asShown, colorOfLabel, inOrder, indexOfLabel, isNothing, nameOfLabels, nothingOf, textOfValues,
-  valuesOfText, withColors, withLabels,
+  LABEL_COLORS, allLabels, areSmooth, asShown, colorOfLabel, foundLabels, inOrder, indexOfLabel, indexWithLabel, isNothing, nameOfLabels,
+  nothingOf, onlyLabel, textOfValues, valuesOfText, withColors, withHighlight, withLabels, withSmooth,
 } from '../../../clients/web/label-sets.js';
-import { stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
+import { stateFromHash, stateToCommand, stateToHash, stateToLink } from '../../../clients/web/view-state.js';
 
 // As the gateway writes it: what is 0 or empty is left out.
 const BODY = { name: 'body', labels: [{ name: 'air' }, { value: 1, name: 'Left lung', color: { red: 1, blue: 0.2 } },
@@ -84,4 +84,71 @@ test('a wrong label of a link is left out with a sentence', () => {
   assert.deepEqual(state.surfaces, [{ labels: [4] }]);
   assert.equal(problems.length, 4);
   problems.forEach((sentence) => assert.match(sentence, /^label=.+ of this link was left out: .+\.$/));
+});
+
+test('a chosen label is found in its surface, shown alone, and highlighted among others', () => {
+  const surfaces = [{ isovalue: 60 }, { labels: [3, 4], color: colorOfLabel(BODY, 3) }, { labels: [4], color: colorOfLabel(BODY, 4) }, { labels: [1] }];
+  assert.equal(indexWithLabel(surfaces, 4), 2);
+  assert.equal(indexWithLabel(surfaces, 3), 1);
+  assert.equal(indexWithLabel(surfaces, 60), -1);
+  assert.deepEqual(onlyLabel(surfaces, 1), [surfaces[0], surfaces[1]]);
+  const lit = withHighlight(surfaces, 3, BODY);
+  assert.deepEqual(lit.map(({ color }) => color?.alpha), [undefined, 0.15, 0.15, 1]);
+  assert.deepEqual(lit[3].color, colorOfLabel(BODY, 1));
+  assert.equal(surfaces[1].color.alpha, 1);
+});
+
+test('labels are found by a part of their name, or by their value', () => {
+  assert.deepEqual(foundLabels(BODY.labels, ' LUNG ').map(({ value }) => value), [1, 2]);
+  assert.deepEqual(foundLabels(BODY.labels, '17.5').map(({ value }) => value), [17.5]);
+  assert.deepEqual(foundLabels(BODY.labels, 'label 17').map(({ value }) => value), [17.5]);
+  assert.deepEqual(foundLabels(BODY.labels, 'spleen'), []);
+  assert.equal(foundLabels(BODY.labels, ''), BODY.labels);
+});
+
+test('surfaces of labels are smooth together, and so they are in a link', () => {
+  const rough = [{ isovalue: 60 }, { labels: [3] }, { labels: [1, 2] }];
+  assert.equal(areSmooth(rough), false);
+  assert.equal(areSmooth([{ isovalue: 60 }]), false);
+  const smooth = withSmooth(rough, true);
+  assert.ok(areSmooth(smooth));
+  assert.equal(smooth[0].smoothLabels, undefined);
+  assert.equal(stateToHash({ surfaces: smooth }), 'surface=60&label=3&label=1,2&smooth-labels=');
+  assert.deepEqual(stateFromHash('smooth-labels=&surface=60&label=3&label=1,2').state.surfaces, smooth);
+  assert.deepEqual(stateFromHash('surface=60&label=3&label=1,2').state.surfaces, rough);
+  assert.deepEqual(withSmooth(smooth, false), rough);
+  assert.match(stateToCommand({ surfaces: smooth }, 'p.png'), /--smooth-labels \\/);
+});
+
+test('a link of many labels is short, and opens with the same surfaces in the same order', () => {
+  const single = (value, paint = {}) => ({ labels: [value], color: { ...colorOfLabel(BODY, value), ...paint } });
+  const many = Array.from({ length: 116 }, (_, i) => single(i + 1));
+  const set = { labels: [200, 300], color: { red: 1, green: 0, blue: 0, alpha: 0.5 } };
+  for (const [surfaces, words] of [
+    [many, 'labels=1-116'],
+    [[{ isovalue: 60 }, ...many, set], 'surface=60&labels=1-116&label=200,300:1,0,0:0.5'],
+    [[single(5), single(7), single(6), single(1), set, single(9)], null],
+    [[...many.slice(0, 3), single(4, { red: 0, alpha: 0.3 }), ...many.slice(4, 9)], null],
+    [many.map((one, i) => i < 50 ? one : { ...one, color: { ...one.color, alpha: 0.25 } }), 'labels=1-50&labels=51-116:0.25'],
+  ]) {
+    const state = { dataset: 'body', surfaces };
+    const link = stateToLink(state, BODY);
+    if (words !== null) {
+      assert.equal(link, `dataset=body&${words}`);
+    }
+    const read = stateFromHash(link);
+    assert.deepEqual(read.problems, []);
+    assert.deepEqual(withColors(read.state.surfaces, BODY), surfaces);
+  }
+  // What the gateway and the command line read has a word for each.
+  assert.equal(stateToHash({ surfaces: many }).match(/label=/g).length, 116);
+  const few = { surfaces: many.slice(0, 3) };
+  assert.equal(stateToLink(few, BODY), stateToHash(few));
+});
+
+test('a wrong list of labels is left out with a sentence', () => {
+  const { state, problems } = stateFromHash('#labels=lung&labels=1-3:x&labels=5-3&labels=4-6');
+  assert.deepEqual(state.surfaces.map(({ labels }) => labels), [[4], [5], [6]]);
+  assert.equal(problems.length, 3);
+  problems.forEach((sentence) => assert.match(sentence, /^labels=.+ of this link was left out: .+\.$/));
 });

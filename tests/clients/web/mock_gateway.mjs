@@ -197,7 +197,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes', 'smooth_labels'], note: null, maxViewportPx: 4096, mostPixels: null };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] };
 const streams = new Set();
 
@@ -400,7 +400,8 @@ async function respond(request, body, reply) {
     } else if (parts[3] === 'histogram') {
       send({ bins: Array.from({ length: 50 }, (_, i) => ({ min: 2 * i, max: 2 * i + 2, sampleCount: String((50 - i) ** 3),
         estimatedTriangleCount: '1000' })), hasSampleCounts: true,
-      suggestions: [{ method: 'METHOD_BETWEEN_CLASSES', isovalue: 40, insideFraction: 0.3 }] });
+      suggestions: [{ method: 'METHOD_BETWEEN_CLASSES', isovalue: 40, insideFraction: 0.3 }],
+      ...(dataset.labels ? { suggestedLabels: dataset.labels.map(({ value }) => value) } : {}) });
     } else if (parts[3] === 'pick') {
       const { frame, pixels, withFieldValues } = JSON.parse(body);
       const { widthPx, heightPx } = frame.viewport;

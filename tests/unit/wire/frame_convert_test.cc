@@ -179,6 +179,22 @@ TEST(ExportSpecFromProtoTest, SurfacesAndRegionArrive) {
             (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}}, .box = std::nullopt}));
 }
 
+TEST(ExportSpecFromProtoTest, ASmoothMeshCantBeCut) {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.add_surfaces()->add_labels(3);
+  request.add_surfaces()->add_labels(7);
+  request.mutable_surfaces(1)->set_smooth_labels(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec whole, ExportSpecFromProto(request));
+  EXPECT_THAT(whole.rules, ElementsAre(volume::InsideRule::OfLabels({3}),
+                                       volume::InsideRule::OfLabels({7}, /*smooths=*/true)));
+  request.mutable_clip();
+  EXPECT_THAT(ExportSpecFromProto(request), IsOk()) << "it cuts nothing";
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  EXPECT_THAT(ExportSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("surfaces[1].smooth_labels is set beside clip")));
+}
+
 TEST(ExportSpecFromProtoTest, HostileValuesAreNamed) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   using Request = isoscope::v1::ExportIsosurfaceRequest;
@@ -388,10 +404,11 @@ class OneChange {
   // Most colours are opaque.
   void Visit(image::Rgba8& color) { VisitAll(color.r, color.g, color.b); }
   void Visit(volume::InsideRule& rule) {
-    auto& [isovalue, labels] = rule;
+    auto& [isovalue, labels, smooths] = rule;
     if (labels.empty()) {
       return Visit(isovalue);
     }
+    Visit(smooths);
     for (double& label : labels) {
       Visit(label);
     }

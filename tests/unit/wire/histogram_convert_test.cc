@@ -186,6 +186,8 @@ TEST(HistogramResponseTest, BinsHaveTheirEdgesAndSums) {
   volume::HistogramPart labels = Example();
   labels.label_values = volume::LabelValues::Of({3, 4}, false, std::nullopt);
   EXPECT_THAT(ToProto(labels, {}).label_values().values(), ElementsAre(3, 4));
+  EXPECT_TRUE(response.suggested_labels().empty());
+  EXPECT_THAT(ToProto(Example(), {}, {2, 7}).suggested_labels(), ElementsAre(2, 7));
   ASSERT_EQ(response.suggestions_size(), 1);
   EXPECT_EQ(response.suggestions(0).method(), v1::IsovalueSuggestion::METHOD_ONE_PERCENT);
   EXPECT_EQ(response.suggestions(0).isovalue(), 2.5);

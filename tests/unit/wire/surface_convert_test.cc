@@ -365,6 +365,19 @@ TEST(LabelsTest, TheyStandInPlaceOfTheIsovalue) {
   EXPECT_EQ(surfaces[0].rule, volume::InsideRule::OfLabels({0, 3, 7}));
 }
 
+TEST(LabelsTest, SmoothOnesArriveAndComeBack) {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.add_surfaces()->add_labels(3);
+  request.mutable_surfaces(0)->set_smooth_labels(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto surfaces, SurfacesFromProto(request));
+  EXPECT_EQ(surfaces[0].rule, volume::InsideRule::OfLabels({3}, /*smooths=*/true));
+  EXPECT_TRUE(ToProto(surfaces[0]).smooth_labels());
+  request.mutable_surfaces(0)->clear_labels();
+  EXPECT_THAT(SurfacesFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("surfaces[0].smooth_labels is set without surfaces[0].labels")));
+}
+
 TEST(LabelsTest, WrongOnesAreRefusedByName) {
   using isoscope::v1::Surface;
   const auto expect = [](const std::string& what, const auto& change) {

@@ -154,6 +154,7 @@ def histogram(proto: datasets_pb.GetHistogramResponse) -> Histogram:
             Suggestion(_METHODS.get(int(one.method), "unknown"), one.isovalue, one.inside_fraction)
             for one in proto.suggestions
         ),
+        suggested_labels=tuple(proto.suggested_labels),
         **selection(_optional(proto, "selection")),
     )
 

@@ -163,6 +163,7 @@ def render(
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
     labels: LabelsLike | None = None,
+    smooth_labels: bool = False,
     field: str | None = None,
     component: str | int | None = None,
     time: float | None = None,
@@ -203,6 +204,7 @@ def render(
         surfaces: 1 to 128 surfaces (or isovalues) instead.
         labels: surfaces of labels, after the others: values or names, each element a surface; a tuple within is one
             surface of several labels. "all": one for each that `present_labels` returns.
+        smooth_labels: makes slopes of the steps between `labels`; neighbours still meet without gaps.
         field: field whose surfaces are drawn; default: the first of `Dataset.fields`. "velocity:x" names a component,
             too.
         component: "x", "y", "z", a number or "magnitude"; default: the only one, or the magnitude.
@@ -242,8 +244,8 @@ def render(
         IsoscopeError: see isoscope.errors. A frame is right or an error, never incomplete.
     """
     request = _request.frame(
-        self, isovalue, surfaces=surfaces, labels=labels, camera=camera, view=view, azimuth=azimuth, elevation=elevation,
-        zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers, field=field,
+        self, isovalue, surfaces=surfaces, labels=labels, smooth_labels=smooth_labels, camera=camera, view=view,
+        azimuth=azimuth, elevation=elevation, zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers, field=field,
         component=component, time=time, step=step,
     )  # fmt: skip
     _request.set_appearance(
@@ -296,8 +298,8 @@ def points(
 
 
 _PICK_ARGUMENTS = (
-    "surfaces", "labels", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip", "max_layers", "field",
-    "component", "time", "step",
+    "surfaces", "labels", "smooth_labels", "camera", "view", "azimuth", "elevation", "zoom", "fit", "size", "clip",
+    "max_layers", "field", "component", "time", "step",
 )  # fmt: skip
 
 
@@ -322,8 +324,8 @@ def pick(
         isovalue: as in `render`.
         frame: the frame whose pixels are meant, instead of isovalue and the rest.
         all_fields: whether the points have the values of all fields; only for datasets with fields.
-        look: surfaces, labels, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers, field, component, time,
-            step, as in `render`.
+        look: surfaces, labels, smooth_labels, camera, view, azimuth, elevation, zoom, fit, size, clip, max_layers,
+            field, component, time, step, as in `render`.
         timeout: deadline in seconds; default: the client's.
 
     Returns:
@@ -348,6 +350,7 @@ def mesh(
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
     labels: LabelsLike | None = None,
+    smooth_labels: bool = False,
     clip: ClipLike | None = None,
     field: str | None = None,
     component: str | int | None = None,
@@ -363,13 +366,13 @@ def mesh(
     Args:
         isovalue: level of the only surface, field units.
         surfaces: surfaces (or isovalues) instead, any number.
-        labels: surfaces of labels, as in `render`.
+        labels, smooth_labels: surfaces of labels, as in `render`; a smooth mesh can't be cut by `clip`.
         clip: triangles are cut at its borders.
         field, component, time, step: as in `render`.
         closed: closes each surface where its solid ends: at the border of the volume and of `clip`, and at NaN.
         timeout: deadline in seconds; default: the client's.
     """
-    request = _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, closed)
+    request = _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, smooth_labels, closed)
     return Call(request, _answer.MeshParts(request), timeout)
 
 
@@ -389,6 +392,7 @@ def measure(
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
     labels: LabelsLike | None = None,
+    smooth_labels: bool = False,
     clip: ClipLike | None = None,
     field: str | None = None,
     component: str | int | None = None,
@@ -402,10 +406,10 @@ def measure(
     The numbers are those of the whole surfaces, to the last digit the same for any number of agents.
 
     Args:
-        isovalue, surfaces, labels, clip, field, component, time, step, closed, timeout: as in `mesh`.
+        isovalue, surfaces, labels, smooth_labels, clip, field, component, time, step, closed, timeout: as in `mesh`.
     """
     request = _request.measure(
-        _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, closed)
+        _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, smooth_labels, closed)
     )
     return Call(request, _answer.MeasuresOfSurfaces(request), timeout)
 

@@ -215,9 +215,11 @@ def surface_message(
     if (value.isovalue is None) == (value.labels is None):
         raise InvalidArgumentError("surface: must have either an isovalue or labels")
     if value.labels is None:
+        if value.smooth:
+            raise InvalidArgumentError("surface smooth: must have labels; an isosurface has no steps between labels")
         proto = pb.Surface(isovalue=as_number(value.isovalue, "surface isovalue"))
     else:
-        proto = pb.Surface(labels=values_of(value.labels, labels))
+        proto = pb.Surface(labels=values_of(value.labels, labels), smooth_labels=bool(value.smooth))
         default_color = color_of(proto.labels, labels)
     if value.color is not None or value.opacity is not None or proto.labels:
         color = default_color if value.color is None else value.color

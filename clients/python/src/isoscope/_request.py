@@ -91,12 +91,15 @@ def _set_surfaces(
     isovalue: float | None,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None,
     labels: LabelsLike | None,
+    smooth_labels: bool,
 ) -> None:
     if (isovalue is not None and surfaces is not None) or (isovalue is None and surfaces is None and labels is None):
         raise InvalidArgumentError(
             "give isovalue=... for one surface, surfaces=[isoscope.Surface(...), ...], or labels=[3, 7, ...]"
             + ("" if isovalue is None else ", and of isovalue and surfaces not both")
         )
+    if smooth_labels and labels is None:
+        raise InvalidArgumentError("smooth_labels smooths the surfaces of labels: give labels, or Surface(smooth=True)")
     if surfaces is None and labels is None:
         request.isovalue = as_number(isovalue, "isovalue")
         return
@@ -104,7 +107,7 @@ def _set_surfaces(
     if surfaces is not None:
         several += surfaces if isinstance(surfaces, Iterable) else [surfaces]
     if labels is not None:
-        several += [Surface(labels=one) for one in as_label_sets(labels)]
+        several += [Surface(labels=one, smooth=smooth_labels) for one in as_label_sets(labels)]
     request.surfaces.extend(surface_message(surface, labels=dataset.labels) for surface in several)
     if not request.surfaces:
         raise InvalidArgumentError(f"surfaces is empty: give 1 to {MAX_SURFACES} surfaces")
@@ -118,6 +121,7 @@ def frame(
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None = None,
     labels: LabelsLike | None = None,
+    smooth_labels: bool = False,
     camera: CameraLike | None = None,
     view: str | None = None,
     azimuth: float = 0,
@@ -136,7 +140,7 @@ def frame(
     """Returns the request for what a frame or a pick sees: surfaces, camera, size, clip region, field and time."""
     selection = selection_message(dataset, field, component, time, step)
     request = pb.RenderIsosurfaceRequest(dataset=dataset.name, selection=selection)
-    _set_surfaces(request, dataset, isovalue, surfaces, labels)
+    _set_surfaces(request, dataset, isovalue, surfaces, labels, smooth_labels)
     request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
     request.camera_fit = cast(Any, choice(FITS, fit, "fit"))
     sides = (size, size) if isinstance(size, (int, np.integer)) else size
@@ -257,13 +261,14 @@ def export(
     time: float | None = None,
     step: int | str | None = None,
     labels: LabelsLike | None = None,
+    smooth_labels: bool = False,
     closed: bool = False,
     capabilities: Capabilities | None = None,
 ) -> pb.ExportIsosurfaceRequest:
     """Returns the request for a mesh."""
     selection = selection_message(dataset, field, component, time, step)
     request = pb.ExportIsosurfaceRequest(dataset=dataset.name, selection=selection)
-    _set_surfaces(request, dataset, isovalue, surfaces, labels)
+    _set_surfaces(request, dataset, isovalue, surfaces, labels, smooth_labels)
     if clip is not None:
         clip_region, caps = clip_messages(clip)
         if caps is not None:
@@ -330,4 +335,10 @@ def expect_dataset(
     if capabilities is not None and "labels" not in capabilities.features and any(one.labels for one in surfaces):
         raise FailedPreconditionError(
             f"the server, version {capabilities.version}, does not know surfaces of labels: it is older than the client"
+        )
+    if capabilities is not None and "smooth_labels" not in capabilities.features and any(
+        one.smooth_labels for one in surfaces
+    ):
+        raise FailedPreconditionError(
+            f"the server, version {capabilities.version}, does not smooth labels: it is older than the client"
         )

@@ -123,6 +123,8 @@ class Histogram:
         has_sample_counts: whether samples were counted when the volume was partitioned.
         nan_count, negative_infinity_count, positive_infinity_count: samples outside of all bins.
         suggestions: isovalues that are worth a look.
+        suggested_labels: labels to begin with, ascending, if the samples seem to be those of a segmentation: at most
+            128, none is 0. Empty: begin with an isovalue.
         field, component, step: what was counted; None where the dataset has no fields or no times.
     """
 
@@ -139,6 +141,7 @@ class Histogram:
     field: str | None = None
     component: str | None = None
     step: int | None = None
+    suggested_labels: tuple[float, ...] = ()
 
     @property
     def centers(self) -> npt.NDArray[np.float64]:

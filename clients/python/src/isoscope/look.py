@@ -126,6 +126,7 @@ class Surface:
         material: how it reflects light.
         color_by: quantity that the colour shows instead of `color`.
         labels: the surface of the samples that are one of these values, 1 to 256; or of their names.
+        smooth: makes slopes of the steps between labels. Not with an isovalue.
     """
 
     isovalue: float | None = None
@@ -134,6 +135,7 @@ class Surface:
     material: Material | None = None
     color_by: ColorByLike | None = None
     labels: LabelLike | Sequence[LabelLike] | None = None
+    smooth: bool = False
 
 
 #: A surface, or just its isovalue.

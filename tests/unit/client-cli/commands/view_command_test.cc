@@ -66,9 +66,14 @@ TEST(ViewCommandTest, TheAddressHasDatasetAndIsovalue) {
 TEST(ViewCommandTest, TheAddressHasTheLabelsWithWhatIsGivenOfTheirColours) {
   const client::LabelSurface left{.values = {3}, .color = {.red = 1}};
   const client::LabelSurface both{.values = {-2, 7.5}, .color = {.red = 1}};
-  EXPECT_EQ(
-      ViewAddress("http://h:1/", "a", std::nullopt, {.wants_all = true, .surfaces = {left, both}}),
-      "http://h:1/?dataset=a&label=3&label=-2,7.5");
+  std::vector<client::LabelSurface> all;
+  for (const double value : {-2.0, 1.0, 2.0, 3.0, 4.0, 7.0, 8.0, 9.5}) {
+    all.push_back({.values = {value}});
+  }
+  EXPECT_EQ(ViewAddress("http://h:1/", "a", std::nullopt,
+                        {.wants_all = true, .smooths = true, .surfaces = all}),
+            "http://h:1/?dataset=a&labels=-2,1-4,7,8,9.5&smooth-labels=1")
+      << "short for many";
   const frame::Color color{.red = 0.5, .green = 0.25, .blue = 1};
   EXPECT_EQ(ViewAddress("http://h:1/", "a", 60,
                         {.sets = {{.set = "left", .opacity = 0.5F},
@@ -96,6 +101,7 @@ TEST(ViewCommandTest, WrongUsageIsNamed) {
       {{"view", "a", "--terminal", "--gateway-token-file", "t"}, "--gateway-token-file"},
       {{"view", "a", "--terminal", "--allow-origin", "https://hub.org"}, "--allow-origin"},
       {{"view", "a", "--allow-origin", "https://hub.org/lab"}, "is not an origin"},
+      {{"view", "a", "--smooth-labels"}, "give --label SET or --labels all"},
   };
   for (const auto& c : cases) {
     std::ostringstream out;

@@ -97,6 +97,17 @@ TEST(HistogramPlotTest, WithoutCountsItDrawsActiveBlocksAndSaysSo) {
   EXPECT_THAT(text, Not(HasSubstr("suggested")));
 }
 
+TEST(HistogramPlotTest, LabelsAreSuggestedInPlaceOfIsovalues) {
+  v1::GetHistogramResponse histogram = Example(3);
+  histogram.add_suggested_labels(2);
+  histogram.add_suggested_labels(3);
+  const std::string text = DrawHistogram(histogram, {});
+  EXPECT_THAT(text, HasSubstr("--labels all"));
+  EXPECT_THAT(text, Not(HasSubstr("--isovalue")));
+  const nlohmann::ordered_json json = HistogramToJson(histogram);
+  EXPECT_EQ(json.at("suggested_labels"), nlohmann::ordered_json::array({2.0, 3.0}));
+}
+
 TEST(HistogramPlotTest, NoBinsAreASentence) {
   EXPECT_THAT(DrawHistogram({}, {}), HasSubstr("no sample is finite"));
 }

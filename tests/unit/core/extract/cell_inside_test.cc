@@ -10,6 +10,8 @@
 
 #include "core/base/random.h"
 #include "core/extract/case_table.h"
+#include "core/math/box.h"
+#include "core/volume/block_samples.h"
 
 namespace isoscope::extract {
 namespace {
@@ -222,6 +224,49 @@ TEST(IsInsideCellTest, NanIsInsideOfNoLabel) {
   samples[3] = std::nan("");
   EXPECT_FALSE(
       IsInsideCell(samples, {0, 0, 0}, {0.5, 0.5, 0.5}, volume::InsideRule::OfLabels({4})));
+}
+
+// A block of 4 x 4 x 4 samples whose own cell is the one in the middle.
+struct SmoothCell {
+  std::array<std::uint8_t, 64> labels{};
+  math::IndexBox stored{{10, 20, 30}, {14, 24, 34}};
+
+  [[nodiscard]] bool IsInside(const Vec3d& in_cell, const volume::InsideRule& rule) const {
+    return IsInsideSmoothCell(
+        {0, volume::ScalarType::kUint8, reinterpret_cast<const char*>(labels.data())}, stored,
+        {11, 21, 31}, Vec3d{11, 21, 31} + in_cell, rule);
+  }
+};
+
+TEST(IsInsideSmoothCellTest, AStepIsASlope) {
+  // Label 1 up to z = 1; up to z = 2 in the last column of x: t = 5/7 on the edges before it.
+  SmoothCell cell;
+  for (std::size_t i = 0; i < 64; ++i) {
+    cell.labels[i] = i / 16 <= (i % 4 == 3 ? 2U : 1U) ? 1 : 0;
+  }
+  const volume::InsideRule smooth = volume::InsideRule::OfLabels({1}, /*smooths=*/true);
+  EXPECT_TRUE(cell.IsInside({0.999, 0.5, 0.70}, smooth));
+  EXPECT_FALSE(cell.IsInside({0.999, 0.5, 0.73}, smooth));
+  EXPECT_TRUE(cell.IsInside({0.001, 0.5, 0.49}, smooth));
+  EXPECT_FALSE(cell.IsInside({0.001, 0.5, 0.51}, smooth));
+  // Beside the cell counts the nearest point of it.
+  EXPECT_TRUE(cell.IsInside({1.3, 0.5, 0.70}, smooth));
+  EXPECT_FALSE(cell.IsInside({0.5, 0.5, 1.3}, smooth));
+}
+
+TEST(IsInsideSmoothCellTest, ExactlyOneOfTwoLabelsHasEachPoint) {
+  const volume::InsideRule low = volume::InsideRule::OfLabels({4}, /*smooths=*/true);
+  const volume::InsideRule high = volume::InsideRule::OfLabels({9}, /*smooths=*/true);
+  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+    SmoothCell cell;
+    for (std::size_t i = 0; i < 64; ++i) {
+      cell.labels[i] = base::RandomUnit(seed, i) < 0.5 ? 4 : 9;
+    }
+    for (std::uint64_t k = 0; k < 20; ++k) {
+      const Vec3d p = RandomPoint(1000 * seed + k);
+      EXPECT_NE(cell.IsInside(p, low), cell.IsInside(p, high)) << seed << ", " << k;
+    }
+  }
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 //   types, block sizes and instruction sets, with NaN and without, bit for bit.
 // - Topology: closed surfaces; two labels that meet have the same triangles, reversed.
 // - Normals of a ball against the true ones.
+// - Smooth surfaces: the same triangles, with vertices that follow from the whole volume.
 
 #include "core/extract/label_surface.h"
 
@@ -29,6 +30,7 @@
 #include "core/base/random.h"
 #include "core/extract/block_extractor.h"
 #include "core/extract/label_case_table.h"
+#include "core/extract/smooth_fraction.h"
 #include "core/volume/inside_rule.h"
 #include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
@@ -527,6 +529,124 @@ TEST(LabelSurfaceTest, ValuesOfAnotherFieldAreThoseOfTheMiddle) {
     };
     EXPECT_EQ(view.values.narrow()[i],
               static_cast<float>(at(lower) + 0.5 * (at(upper) - at(lower))));
+  }
+}
+
+InsideRule SmoothLabels(std::vector<double> labels) {
+  return InsideRule::OfLabels(std::move(labels), /*smooths=*/true);
+}
+
+// The position of the smooth vertex on an edge of the whole volume.
+Vec3f SmoothPosition(const Volume& volume, std::int64_t key) {
+  const Index3& dims = volume.geometry.sample_dims;
+  const std::int64_t sample = key / 3;
+  const int axis = static_cast<int>(key % 3);
+  const Index3 lower{sample % dims.x, sample / dims.x % dims.y, sample / (dims.x * dims.y)};
+  Vec3d position{static_cast<double>(lower.x), static_cast<double>(lower.y),
+                 static_cast<double>(lower.z)};
+  position[axis] +=
+      SmoothFraction({0, volume.type, volume.bytes.data()}, {{0, 0, 0}, dims}, lower, axis);
+  return {static_cast<float>(position.x), static_cast<float>(position.y),
+          static_cast<float>(position.z)};
+}
+
+TEST(LabelSurfaceTest, SmoothVerticesFollowFromTheWholeVolumeForEveryTypeAndBlockSize) {
+  for (const ScalarType type : kAllTypes) {
+    Volume volume = NoiseOfLabels(7, {11, 9, 7}, type, 4);
+    if (type == ScalarType::kFloat32 || type == ScalarType::kFloat64) {
+      SetSample(&volume, 200, std::numeric_limits<double>::quiet_NaN());
+    }
+    // Only the places of vertices change.
+    Surface expected = Reference(volume, InsideRule::OfLabels({1, 3})).Extract();
+    std::size_t moved = 0;
+    for (auto& [key, vertex] : expected.vertices) {
+      const Vec3f position = SmoothPosition(volume, key);
+      moved += position == vertex.position ? 0U : 1U;
+      vertex.position = position;
+    }
+    EXPECT_GT(moved, expected.vertices.size() / 2);
+    for (const Index3& block_cells : kBlockSizes) {
+      ExpectEquals(expected, volume, block_cells, SmoothLabels({1, 3}));
+    }
+  }
+}
+
+TEST(LabelSurfaceTest, SmoothLabelsThatMeetKeepTheirCommonVertices) {
+  const Volume volume = NoiseOfLabels(4, {14, 12, 10}, ScalarType::kUint8, 3);
+  std::map<std::int64_t, Vec3f> places;
+  std::size_t common = 0;
+  for (const std::vector<double>& labels :
+       {std::vector<double>{0}, {1}, {2}, {0, 1}, {0, 2}, {1, 2}}) {
+    const Surface surface = Join(ExtractBlocks(volume, {5, 4, 3}, SmoothLabels(labels)));
+    for (const auto& [key, vertex] : surface.vertices) {
+      const auto [at, is_new] = places.try_emplace(key, vertex.position);
+      common += is_new ? 0U : 1U;
+      EXPECT_EQ(at->second, vertex.position);
+    }
+  }
+  EXPECT_GT(common, places.size());
+}
+
+// The figures of docs/labels.md, "Smooth surfaces".
+TEST(LabelSurfaceTest, ASmoothBallIsNearerToTheTrueOne) {
+  const Index3 dims{64, 64, 64};
+  const Vec3d center{31.3, 31.6, 31.45};
+  constexpr double kRadius = 24;
+  Volume volume = NoiseOfLabels(1, dims, ScalarType::kUint8, 1);
+  for (std::int64_t i = 0; i < math::Volume(dims); ++i) {
+    const Vec3d at{static_cast<double>(i % dims.x), static_cast<double>(i / dims.x % dims.y),
+                   static_cast<double>(i / dims.x / dims.y)};
+    SetSample(&volume, i, math::Length(at - center) <= kRadius ? 5 : 0);
+  }
+  const auto rms_of = [&](const InsideRule& rule) {
+    double sum = 0;
+    const Surface surface = Join(ExtractBlocks(volume, {16, 16, 16}, rule));
+    for (const auto& [key, vertex] : surface.vertices) {
+      const Vec3d at{vertex.position.x, vertex.position.y, vertex.position.z};
+      const double error = math::Length(at - center) - kRadius;
+      sum += error * error;
+    }
+    return std::sqrt(sum / static_cast<double>(surface.vertices.size()));
+  };
+  const double rough = rms_of(InsideRule::OfLabels({5}));
+  const double smooth = rms_of(SmoothLabels({5}));
+  EXPECT_GT(rough, 0.203);
+  EXPECT_LT(smooth, 0.105);
+}
+
+TEST(LabelSurfaceTest, ValuesOfAnotherFieldAreThoseOfTheSmoothPlace) {
+  const Index3 dims{9, 8, 7};
+  const Volume volume = NoiseOfLabels(3, dims, ScalarType::kUint16, 3);
+  for (const ScalarType type : {ScalarType::kFloat32, ScalarType::kFloat64}) {
+    const std::string field = testing::SampleNoise(4, dims, type, 100);
+    const volume::BlockLayout layout = volume::BlockLayout::Make(dims, {16, 16, 16}).value();
+    BlockExtractor extractor(volume.geometry, layout);
+    BlockMesh mesh;
+    extractor.ExtractWithEdgeKeys({0, volume.type, volume.bytes.data()}, SmoothLabels({1}), &mesh);
+    const mesh::BlockMeshView view = extractor.ExtractWithField(
+        {0, volume.type, volume.bytes.data()}, SmoothLabels({1}), {0, type, field.data()});
+    ASSERT_EQ(view.values.size(), mesh.positions.size());
+    const std::array<std::int64_t, 3> strides{1, dims.x, dims.x * dims.y};
+    volume::VisitScalarType(type, [&]<typename T>() {
+      const auto at = [&](std::int64_t sample) {
+        return static_cast<double>(
+            base::LoadLittleEndian<T>(field.data() + static_cast<std::size_t>(sample) * sizeof(T)));
+      };
+      for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+        const std::int64_t lower = mesh.edge_keys[i] / 3;
+        const std::int64_t upper = lower + strides[static_cast<std::size_t>(mesh.edge_keys[i] % 3)];
+        const Index3 from{lower % dims.x, lower / dims.x % dims.y, lower / (dims.x * dims.y)};
+        const double t = SmoothFraction({0, volume.type, volume.bytes.data()}, {{0, 0, 0}, dims},
+                                        from, static_cast<int>(mesh.edge_keys[i] % 3));
+        const double expected = at(lower) + t * (at(upper) - at(lower));
+        const double actual = type == ScalarType::kFloat64
+                                  ? view.values.wide()[i]
+                                  : static_cast<double>(view.values.narrow()[i]);
+        EXPECT_EQ(actual, type == ScalarType::kFloat64
+                              ? expected
+                              : static_cast<double>(static_cast<float>(expected)));
+      }
+    });
   }
 }
 

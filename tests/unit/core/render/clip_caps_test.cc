@@ -7,6 +7,8 @@
 
 #include "core/render/clip_caps.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -16,6 +18,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
+#include "core/base/random.h"
 #include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/render/pass_resources.h"
@@ -185,6 +188,45 @@ TEST(CapPainterTest, APointBesideTheRimCountsWithinTheMargin) {
   };
   EXPECT_EQ(first_x_across(16.005), 19);
   EXPECT_EQ(first_x_across(16.05), 20);
+}
+
+// Their vertices depend on samples beyond the cell, which blocks store for their own cells alone.
+TEST(CapPainterTest, CapsOfSmoothLabelsAreThoseOfAnyBlocks) {
+  std::string samples;
+  for (std::int64_t i = 0; i < math::Volume(kDims); ++i) {
+    base::AppendLittleEndian(
+        static_cast<std::uint16_t>(base::RandomBits(5, static_cast<std::uint64_t>(i) / 2) % 3),
+        &samples);
+  }
+  frame::FrameSpec spec = CutAt(0, 0);
+  spec.clip.half_spaces = {{{0.3, 0.2, -1}, -8}};
+  const auto painted = [&](const math::Index3& block_cells, bool smooths) {
+    spec.surfaces = {{.rule = volume::InsideRule::OfLabels({1}, smooths), .appearance = {}},
+                     {.rule = volume::InsideRule::OfLabels({2}, smooths), .appearance = {}}};
+    Volume volume{.layout = volume::BlockLayout::Make(kDims, block_cells).value(),
+                  .samples = samples};
+    for (std::int64_t id = 0; id < volume.layout.block_count(); ++id) {
+      volume.ranges.Set(static_cast<volume::BlockId>(id), {0, 2});
+    }
+    const CapPainter painter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr);
+    const image::FragmentOrder order{.block_count =
+                                         static_cast<std::uint32_t>(volume.layout.block_count())};
+    std::vector<std::array<std::uint64_t, 4>> fragments;
+    for (const CapFragment& fragment : PaintAll(painter, volume)) {
+      fragments.push_back({static_cast<std::uint64_t>(fragment.x),
+                           static_cast<std::uint64_t>(fragment.y), fragment.key >> 32,
+                           order.SurfaceOf(image::OwnerOf(fragment.key))});
+    }
+    std::sort(fragments.begin(), fragments.end());
+    return fragments;
+  };
+  const auto smooth = painted({8, 8, 8}, true);
+  EXPECT_GT(smooth.size(), 400U);
+  EXPECT_NE(smooth, painted({8, 8, 8}, false));
+  for (const math::Index3& block_cells :
+       {math::Index3{5, 7, 4}, math::Index3{3, 3, 3}, math::Index3{32, 32, 32}}) {
+    EXPECT_EQ(painted(block_cells, true), smooth) << block_cells.x;
+  }
 }
 
 TEST(CapPainterTest, SamplesShowThroughTheirColorsAndNormalsLeadToWhatIsDropped) {

@@ -463,6 +463,35 @@ TEST(BlockSurfaceTest, BoxesOfLabelsHaveTheirExactVolumes) {
 
 // A ball of samples that are 1, at isovalue 1: triangles of marching cubes have no area around each
 // sample that is inside.
+// Their pieces are made of the middles of edges, and moved at the end.
+TEST(BlockSurfaceTest, SmoothLabelsAreTheSameManifoldWithOtherPlaces) {
+  for (std::uint64_t seed = 0; seed < 12; ++seed) {
+    Scene scene = NoiseScene(seed, {9, 8, 10}, 3);
+    auto* const values = reinterpret_cast<float*>(scene.samples.data());
+    for (std::size_t i = 0; i < scene.samples.size() / sizeof(float); ++i) {
+      if (seed % 3 == 1 && base::RandomUnit(seed + 100, i) < 0.03) {
+        values[i] = std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+    if (seed % 4 == 2) {
+      scene.geometry.spacing = {0.01, 0.01, 0.02};
+      scene.geometry.origin = {500000, 4600000, -3};
+    }
+    for (const bool closes : {false, true}) {
+      scene.options.closes = closes;
+      scene.rule = volume::InsideRule::OfLabels({1});
+      const Surface rough = Extract(scene, 4);
+      scene.rule = volume::InsideRule::OfLabels({1}, /*smooths=*/true);
+      CheckManifold(scene, closes, "seed " + std::to_string(seed), seed % 3 == 1);
+      const Surface smooth = Extract(scene, 4);
+      EXPECT_EQ(smooth.mesh.positions.size(), rough.mesh.positions.size());
+      EXPECT_EQ(smooth.sums.triangle_count, rough.sums.triangle_count);
+      EXPECT_EQ(smooth.sums.open_side_count, rough.sums.open_side_count);
+      EXPECT_NE(SortedTriangles(smooth.mesh), SortedTriangles(rough.mesh));
+    }
+  }
+}
+
 TEST(BlockSurfaceTest, NoTriangleOfAMaskAtItsOwnValueIsFlat) {
   const math::Index3 dims{16, 16, 16};
   Scene scene =

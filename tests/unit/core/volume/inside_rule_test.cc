@@ -9,6 +9,7 @@
 #include <map>
 #include <vector>
 
+#include "absl/hash/hash.h"
 #include "gtest/gtest.h"
 
 namespace isoscope::volume {
@@ -115,6 +116,19 @@ TEST(InsideRuleTest, TextNamesTheIsovalueOrTheLabels) {
     many[i] = static_cast<double>(i);
   }
   EXPECT_EQ(InsideRule::OfLabels(many).Text(), "labels 0, 1, 2, 3, 4, 5, 6, 7 and 12 more");
+}
+
+TEST(InsideRuleTest, ASmoothRuleIsAnotherOneWithTheSameInside) {
+  const InsideRule rough = InsideRule::OfLabels({7, 3});
+  const InsideRule smooth = InsideRule::OfLabels({7, 3}, /*smooths=*/true);
+  EXPECT_NE(rough, smooth);
+  EXPECT_TRUE((rough < smooth) != (smooth < rough));
+  EXPECT_NE(absl::Hash<InsideRule>()(rough), absl::Hash<InsideRule>()(smooth));
+  for (const double sample : {0.0, 3.0, 5.0, 7.0}) {
+    EXPECT_EQ(rough.IsInside(sample), smooth.IsInside(sample));
+  }
+  EXPECT_EQ(smooth.Text(), "smooth labels 3, 7");
+  EXPECT_EQ(InsideRule::OfLabels({3}, /*smooths=*/true).Text(), "smooth label 3");
 }
 
 }  // namespace

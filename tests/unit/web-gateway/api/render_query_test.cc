@@ -146,6 +146,21 @@ TEST(RenderQueryTest, LabelsAreSurfacesByTheNamesOfTheDataset) {
   EXPECT_EQ(sets->surfaces(2).color().red(), 1);
 }
 
+TEST(RenderQueryTest, SmoothLabelsAreASwitchWithOrWithoutAValue) {
+  for (const char* const text : {"smooth-labels=", "smooth_labels=true", "smooth-labels=1"}) {
+    const auto request = ParseLabels(absl::StrCat("isovalue=60&labels=all&", text));
+    ASSERT_THAT(request, IsOk()) << text;
+    EXPECT_FALSE(request->surfaces(0).smooth_labels());
+    EXPECT_TRUE(request->surfaces(1).smooth_labels());
+    EXPECT_TRUE(request->surfaces(2).smooth_labels());
+    const auto mesh = MeshQueryFromQuery(ParseTarget(absl::StrCat("/?label=liver&", text))->query,
+                                         MakeSegmentation());
+    ASSERT_THAT(mesh.status(), IsOk()) << text;
+    EXPECT_TRUE(mesh->request.surfaces(0).smooth_labels());
+  }
+  EXPECT_FALSE(ParseLabels("labels=all")->surfaces(0).smooth_labels());
+}
+
 TEST(RenderQueryTest, WrongLabelsAreNamedInTheWordsOfAnAddress) {
   const auto expect = [](const absl::StatusOr<v1::RenderIsosurfaceRequest>& request,
                          const std::string& said) {
@@ -157,6 +172,7 @@ TEST(RenderQueryTest, WrongLabelsAreNamedInTheWordsOfAnAddress) {
   expect(ParseLabels("labels=all&label=3"), "leave label out");
   expect(Parse("labels=all"), "a gateway does not list them: give label with values");
   expect(Parse("label=liver"), "dataset 'head' has no names of labels");
+  expect(ParseLabels("isovalue=60&smooth-labels="), "smooth-labels smooths surfaces of labels");
 }
 
 TEST(RenderQueryTest, FieldTimeAndColorByAFieldAreThoseOfTheCommandLine) {

@@ -14,7 +14,7 @@ _sym_db = _symbol_database.Default()
 from isoscope._proto import dataset_pb2 as isoscope_dot_v1_dot_dataset__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n!isoscope/v1/dataset_service.proto\x12\x0bisoscope.v1\x1a\x19isoscope/v1/dataset.proto\"<\n\x13ListDatasetsRequest\x12\x11\n\tpage_size\x18\x01 \x01(\x05\x12\x12\n\npage_token\x18\x02 \x01(\t\"W\n\x14ListDatasetsResponse\x12&\n\x08\x64\x61tasets\x18\x01 \x03(\x0b\x32\x14.isoscope.v1.Dataset\x12\x17\n\x0fnext_page_token\x18\x02 \x01(\t\"!\n\x11GetDatasetRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"U\n\x12GetDatasetResponse\x12%\n\x07\x64\x61taset\x18\x01 \x01(\x0b\x32\x14.isoscope.v1.Dataset\x12\x18\n\x10picture_revision\x18\x02 \x01(\t\"\xce\x01\n\x13GetHistogramRequest\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x15\n\rmax_bin_count\x18\x02 \x01(\x05\x12,\n\x0bvalue_range\x18\x03 \x01(\x0b\x32\x17.isoscope.v1.ValueRange\x12\x12\n\ndataset_id\x18\x04 \x01(\t\x12.\n\tselection\x18\x05 \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\x12\x1d\n\x15max_label_value_count\x18\x06 \x01(\x05\"\xc5\x02\n\x14GetHistogramResponse\x12\'\n\x04\x62ins\x18\x01 \x03(\x0b\x32\x19.isoscope.v1.HistogramBin\x12\x19\n\x11has_sample_counts\x18\x02 \x01(\x08\x12\x11\n\tnan_count\x18\x03 \x01(\x03\x12\x1f\n\x17negative_infinity_count\x18\x04 \x01(\x03\x12\x1f\n\x17positive_infinity_count\x18\x05 \x01(\x03\x12\x34\n\x0bsuggestions\x18\x06 \x03(\x0b\x32\x1f.isoscope.v1.IsovalueSuggestion\x12.\n\tselection\x18\x07 \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\x12.\n\x0clabel_values\x18\x08 \x01(\x0b\x32\x18.isoscope.v1.LabelValues\"Y\n\x0bLabelValues\x12\x0e\n\x06values\x18\x01 \x03(\x01\x12\x10\n\x08has_more\x18\x02 \x01(\x08\x12\x18\n\x0bother_value\x18\x03 \x01(\x01H\x00\x88\x01\x01\x42\x0e\n\x0c_other_value\"\x98\x01\n\x0cHistogramBin\x12\x0b\n\x03min\x18\x01 \x01(\x01\x12\x0b\n\x03max\x18\x02 \x01(\x01\x12\x14\n\x0csample_count\x18\x03 \x01(\x03\x12\x1a\n\x12\x61\x63tive_block_count\x18\x04 \x01(\x03\x12\x1a\n\x12\x61\x63tive_block_bytes\x18\x05 \x01(\x03\x12 \n\x18\x65stimated_triangle_count\x18\x06 \x01(\x03\"\xcd\x01\n\x12IsovalueSuggestion\x12\x36\n\x06method\x18\x01 \x01(\x0e\x32&.isoscope.v1.IsovalueSuggestion.Method\x12\x10\n\x08isovalue\x18\x02 \x01(\x01\x12\x17\n\x0finside_fraction\x18\x03 \x01(\x01\"T\n\x06Method\x12\x16\n\x12METHOD_UNSPECIFIED\x10\x00\x12\x1a\n\x16METHOD_BETWEEN_CLASSES\x10\x01\x12\x16\n\x12METHOD_ONE_PERCENT\x10\x02\x32\x89\x02\n\x0e\x44\x61tasetService\x12S\n\x0cListDatasets\x12 .isoscope.v1.ListDatasetsRequest\x1a!.isoscope.v1.ListDatasetsResponse\x12M\n\nGetDataset\x12\x1e.isoscope.v1.GetDatasetRequest\x1a\x1f.isoscope.v1.GetDatasetResponse\x12S\n\x0cGetHistogram\x12 .isoscope.v1.GetHistogramRequest\x1a!.isoscope.v1.GetHistogramResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n!isoscope/v1/dataset_service.proto\x12\x0bisoscope.v1\x1a\x19isoscope/v1/dataset.proto\"<\n\x13ListDatasetsRequest\x12\x11\n\tpage_size\x18\x01 \x01(\x05\x12\x12\n\npage_token\x18\x02 \x01(\t\"W\n\x14ListDatasetsResponse\x12&\n\x08\x64\x61tasets\x18\x01 \x03(\x0b\x32\x14.isoscope.v1.Dataset\x12\x17\n\x0fnext_page_token\x18\x02 \x01(\t\"!\n\x11GetDatasetRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"U\n\x12GetDatasetResponse\x12%\n\x07\x64\x61taset\x18\x01 \x01(\x0b\x32\x14.isoscope.v1.Dataset\x12\x18\n\x10picture_revision\x18\x02 \x01(\t\"\xce\x01\n\x13GetHistogramRequest\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x15\n\rmax_bin_count\x18\x02 \x01(\x05\x12,\n\x0bvalue_range\x18\x03 \x01(\x0b\x32\x17.isoscope.v1.ValueRange\x12\x12\n\ndataset_id\x18\x04 \x01(\t\x12.\n\tselection\x18\x05 \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\x12\x1d\n\x15max_label_value_count\x18\x06 \x01(\x05\"\xdf\x02\n\x14GetHistogramResponse\x12\'\n\x04\x62ins\x18\x01 \x03(\x0b\x32\x19.isoscope.v1.HistogramBin\x12\x19\n\x11has_sample_counts\x18\x02 \x01(\x08\x12\x11\n\tnan_count\x18\x03 \x01(\x03\x12\x1f\n\x17negative_infinity_count\x18\x04 \x01(\x03\x12\x1f\n\x17positive_infinity_count\x18\x05 \x01(\x03\x12\x34\n\x0bsuggestions\x18\x06 \x03(\x0b\x32\x1f.isoscope.v1.IsovalueSuggestion\x12.\n\tselection\x18\x07 \x01(\x0b\x32\x1b.isoscope.v1.FieldSelection\x12.\n\x0clabel_values\x18\x08 \x01(\x0b\x32\x18.isoscope.v1.LabelValues\x12\x18\n\x10suggested_labels\x18\n \x03(\x01\"Y\n\x0bLabelValues\x12\x0e\n\x06values\x18\x01 \x03(\x01\x12\x10\n\x08has_more\x18\x02 \x01(\x08\x12\x18\n\x0bother_value\x18\x03 \x01(\x01H\x00\x88\x01\x01\x42\x0e\n\x0c_other_value\"\x98\x01\n\x0cHistogramBin\x12\x0b\n\x03min\x18\x01 \x01(\x01\x12\x0b\n\x03max\x18\x02 \x01(\x01\x12\x14\n\x0csample_count\x18\x03 \x01(\x03\x12\x1a\n\x12\x61\x63tive_block_count\x18\x04 \x01(\x03\x12\x1a\n\x12\x61\x63tive_block_bytes\x18\x05 \x01(\x03\x12 \n\x18\x65stimated_triangle_count\x18\x06 \x01(\x03\"\xcd\x01\n\x12IsovalueSuggestion\x12\x36\n\x06method\x18\x01 \x01(\x0e\x32&.isoscope.v1.IsovalueSuggestion.Method\x12\x10\n\x08isovalue\x18\x02 \x01(\x01\x12\x17\n\x0finside_fraction\x18\x03 \x01(\x01\"T\n\x06Method\x12\x16\n\x12METHOD_UNSPECIFIED\x10\x00\x12\x1a\n\x16METHOD_BETWEEN_CLASSES\x10\x01\x12\x16\n\x12METHOD_ONE_PERCENT\x10\x02\x32\x89\x02\n\x0e\x44\x61tasetService\x12S\n\x0cListDatasets\x12 .isoscope.v1.ListDatasetsRequest\x1a!.isoscope.v1.ListDatasetsResponse\x12M\n\nGetDataset\x12\x1e.isoscope.v1.GetDatasetRequest\x1a\x1f.isoscope.v1.GetDatasetResponse\x12S\n\x0cGetHistogram\x12 .isoscope.v1.GetHistogramRequest\x1a!.isoscope.v1.GetHistogramResponseb\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.dataset_service_pb2', globals())
@@ -32,15 +32,15 @@ if _descriptor._USE_C_DESCRIPTORS == False:
   _GETHISTOGRAMREQUEST._serialized_start=351
   _GETHISTOGRAMREQUEST._serialized_end=557
   _GETHISTOGRAMRESPONSE._serialized_start=560
-  _GETHISTOGRAMRESPONSE._serialized_end=885
-  _LABELVALUES._serialized_start=887
-  _LABELVALUES._serialized_end=976
-  _HISTOGRAMBIN._serialized_start=979
-  _HISTOGRAMBIN._serialized_end=1131
-  _ISOVALUESUGGESTION._serialized_start=1134
-  _ISOVALUESUGGESTION._serialized_end=1339
-  _ISOVALUESUGGESTION_METHOD._serialized_start=1255
-  _ISOVALUESUGGESTION_METHOD._serialized_end=1339
-  _DATASETSERVICE._serialized_start=1342
-  _DATASETSERVICE._serialized_end=1607
+  _GETHISTOGRAMRESPONSE._serialized_end=911
+  _LABELVALUES._serialized_start=913
+  _LABELVALUES._serialized_end=1002
+  _HISTOGRAMBIN._serialized_start=1005
+  _HISTOGRAMBIN._serialized_end=1157
+  _ISOVALUESUGGESTION._serialized_start=1160
+  _ISOVALUESUGGESTION._serialized_end=1365
+  _ISOVALUESUGGESTION_METHOD._serialized_start=1281
+  _ISOVALUESUGGESTION_METHOD._serialized_end=1365
+  _DATASETSERVICE._serialized_start=1368
+  _DATASETSERVICE._serialized_end=1633
 # @@protoc_insertion_point(module_scope)

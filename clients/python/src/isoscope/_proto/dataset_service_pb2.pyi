@@ -38,7 +38,7 @@ class GetHistogramRequest(_message.Message):
     def __init__(self, dataset: _Optional[str] = ..., max_bin_count: _Optional[int] = ..., value_range: _Optional[_Union[_dataset_pb2.ValueRange, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., max_label_value_count: _Optional[int] = ...) -> None: ...
 
 class GetHistogramResponse(_message.Message):
-    __slots__ = ["bins", "has_sample_counts", "label_values", "nan_count", "negative_infinity_count", "positive_infinity_count", "selection", "suggestions"]
+    __slots__ = ["bins", "has_sample_counts", "label_values", "nan_count", "negative_infinity_count", "positive_infinity_count", "selection", "suggested_labels", "suggestions"]
     BINS_FIELD_NUMBER: _ClassVar[int]
     HAS_SAMPLE_COUNTS_FIELD_NUMBER: _ClassVar[int]
     LABEL_VALUES_FIELD_NUMBER: _ClassVar[int]
@@ -46,6 +46,7 @@ class GetHistogramResponse(_message.Message):
     NEGATIVE_INFINITY_COUNT_FIELD_NUMBER: _ClassVar[int]
     POSITIVE_INFINITY_COUNT_FIELD_NUMBER: _ClassVar[int]
     SELECTION_FIELD_NUMBER: _ClassVar[int]
+    SUGGESTED_LABELS_FIELD_NUMBER: _ClassVar[int]
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
     bins: _containers.RepeatedCompositeFieldContainer[HistogramBin]
     has_sample_counts: bool
@@ -54,8 +55,9 @@ class GetHistogramResponse(_message.Message):
     negative_infinity_count: int
     positive_infinity_count: int
     selection: _dataset_pb2.FieldSelection
+    suggested_labels: _containers.RepeatedScalarFieldContainer[float]
     suggestions: _containers.RepeatedCompositeFieldContainer[IsovalueSuggestion]
-    def __init__(self, bins: _Optional[_Iterable[_Union[HistogramBin, _Mapping]]] = ..., has_sample_counts: bool = ..., nan_count: _Optional[int] = ..., negative_infinity_count: _Optional[int] = ..., positive_infinity_count: _Optional[int] = ..., suggestions: _Optional[_Iterable[_Union[IsovalueSuggestion, _Mapping]]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., label_values: _Optional[_Union[LabelValues, _Mapping]] = ...) -> None: ...
+    def __init__(self, bins: _Optional[_Iterable[_Union[HistogramBin, _Mapping]]] = ..., has_sample_counts: bool = ..., nan_count: _Optional[int] = ..., negative_infinity_count: _Optional[int] = ..., positive_infinity_count: _Optional[int] = ..., suggestions: _Optional[_Iterable[_Union[IsovalueSuggestion, _Mapping]]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., label_values: _Optional[_Union[LabelValues, _Mapping]] = ..., suggested_labels: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class HistogramBin(_message.Message):
     __slots__ = ["active_block_bytes", "active_block_count", "estimated_triangle_count", "max", "min", "sample_count"]

@@ -377,18 +377,20 @@ class Silhouette(_message.Message):
     def __init__(self, width_px: _Optional[int] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ...) -> None: ...
 
 class Surface(_message.Message):
-    __slots__ = ["color", "color_by", "isovalue", "labels", "material"]
+    __slots__ = ["color", "color_by", "isovalue", "labels", "material", "smooth_labels"]
     COLOR_BY_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
     LABELS_FIELD_NUMBER: _ClassVar[int]
     MATERIAL_FIELD_NUMBER: _ClassVar[int]
+    SMOOTH_LABELS_FIELD_NUMBER: _ClassVar[int]
     color: _geometry_pb2.Color
     color_by: ColorBy
     isovalue: float
     labels: _containers.RepeatedScalarFieldContainer[float]
     material: Material
-    def __init__(self, isovalue: _Optional[float] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., material: _Optional[_Union[Material, _Mapping]] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ..., labels: _Optional[_Iterable[float]] = ...) -> None: ...
+    smooth_labels: bool
+    def __init__(self, isovalue: _Optional[float] = ..., color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., material: _Optional[_Union[Material, _Mapping]] = ..., color_by: _Optional[_Union[ColorBy, _Mapping]] = ..., labels: _Optional[_Iterable[float]] = ..., smooth_labels: bool = ...) -> None: ...
 
 class SurfaceColoring(_message.Message):
     __slots__ = ["color_by", "nan_color", "shows_nan", "surface_index"]

@@ -285,5 +285,24 @@ TEST(LabelFlagsTest, FlagsThatContradictEachOtherAreWrongUsage) {
   EXPECT_TRUE(flags.wants_all);
 }
 
+TEST(LabelFlagsTest, SmoothOnesAreAllOrNone) {
+  for (const bool smooths : {false, true}) {
+    LabelFlags flags = FlagsOf({"3", "left lung"});
+    flags.smooths = smooths;
+    ASSERT_THAT(ResolveLabels(Organs(), std::nullopt, &flags), IsOk());
+    LabelFlags all{.wants_all = true, .smooths = smooths};
+    ASSERT_THAT(ResolveLabels(Organs(), std::nullopt, &all), IsOk());
+    for (const LabelFlags* resolved : {&flags, &all}) {
+      for (const LabelSurface& surface : resolved->surfaces) {
+        v1::Surface proto;
+        AddTo(surface, &proto);
+        EXPECT_EQ(proto.smooth_labels(), smooths);
+      }
+    }
+  }
+  EXPECT_THAT(CheckUsage(LabelFlags{.smooths = true}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--smooth-labels")));
+}
+
 }  // namespace
 }  // namespace isoscope::client

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -74,6 +75,29 @@ TEST(FindValueRangeTest, LeavesOutNanAndInfinitiesAndCountsTheLatter) {
   EXPECT_EQ(range_of({kNan, 3, -kInf, 2, kInf, 1, 1, 1}), (ValueRange{{1, 3}, 2}));
   EXPECT_EQ(range_of(std::vector<float>(8, kNan)), ValueRange());
   EXPECT_EQ(range_of(std::vector<float>(8, -kInf)), (ValueRange{{}, 8}));
+}
+
+TEST(FindValueRangeTest, FewIntegersAreCountedAndOthersAreNot) {
+  const auto few_of = [](const std::unique_ptr<VolumeSource>& source) {
+    std::optional<volume::SampleHistogram> few;
+    EXPECT_TRUE(FindValueRange(source.get(), nullptr, base::Cancellation(), &few).ok());
+    return few;
+  };
+  const auto few = few_of(
+      SourceOf<std::int16_t>({2, 2, 2}, volume::ScalarType::kInt16, {-3, -3, 5, 0, 0, 0, 5, -3}));
+  ASSERT_TRUE(few.has_value());
+  EXPECT_EQ(few->bins, (volume::HistogramBins{.exponent = 0, .first = -3, .count = 9}));
+  EXPECT_EQ(few->counts, (std::vector<std::int64_t>{3, 0, 0, 3, 0, 0, 0, 0, 2}));
+  EXPECT_FALSE(
+      few_of(SourceOf<float>({2, 2, 2}, volume::ScalarType::kFloat32, {0, 1, 0, 1, 0, 1, 0, 1})));
+  EXPECT_FALSE(few_of(
+      SourceOf<std::int32_t>({2, 2, 2}, volume::ScalarType::kInt32, {0, 9000, 0, 1, 0, 1, 0, 1})))
+      << "the bins are not exact";
+  std::vector<std::uint8_t> many(256);
+  for (std::size_t i = 0; i < many.size(); ++i) {
+    many[i] = static_cast<std::uint8_t>(i);
+  }
+  EXPECT_FALSE(few_of(SourceOf<std::uint8_t>({8, 8, 4}, volume::ScalarType::kUint8, many)));
 }
 
 TEST(MiddleIsovalueTest, HasASurfaceAndAsFewDigitsAsThatTakes) {
