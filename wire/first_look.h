@@ -4,6 +4,11 @@
 #ifndef ISOSCOPE_WIRE_FIRST_LOOK_H_
 #define ISOSCOPE_WIRE_FIRST_LOOK_H_
 
+#include <optional>
+
+#include "core/math/box.h"
+#include "core/view/camera.h"
+#include "core/volume/patient_frame.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "isoscope/v1/options.pb.h"
 
@@ -11,6 +16,10 @@ namespace isoscope::wire {
 
 // Returns the table. It lives as long as the program.
 const isoscope::v1::FirstLook& GetFirstLook();
+
+// Returns its camera, at the distance of the default camera of `bounds`.
+view::Camera FirstLookCamera(const math::Box3d& bounds,
+                             const std::optional<volume::PatientFrame>& patient_frame);
 
 // Gives the first look's material to each surface of a request that has none of its own. REQUIRES: the
 // request lists its surfaces.

@@ -13,7 +13,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <numbers>
 #include <string>
 #include <vector>
 
@@ -376,14 +375,8 @@ absl::Status ResolveCamera(const math::Box3d& bounds, frame::FrameSpec* spec,
 absl::Status ResolveCellsCamera(const math::Box3d& bounds, const std::optional<math::Box3d>& cells,
                                 const std::optional<volume::PatientFrame>& patient_frame,
                                 const view::Viewport& viewport, frame::FrameSpec* spec) {
-  constexpr double kRadiansPerDegree = std::numbers::pi / 180;
-  const v1::FirstLook& look = GetFirstLook();
   const view::Camera start =
-      spec->camera.has_value()
-          ? *spec->camera
-          : view::MakeFirstLookCamera(look.azimuth_degrees() * kRadiansPerDegree,
-                                      look.elevation_degrees() * kRadiansPerDegree, bounds,
-                                      patient_frame);
+      spec->camera.has_value() ? *spec->camera : FirstLookCamera(bounds, patient_frame);
   const view::Camera fitted = view::FitToBox(start, viewport, bounds, cells.value_or(bounds));
   ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(ToProto(fitted), "camera"));
   return absl::OkStatus();
