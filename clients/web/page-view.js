@@ -5,7 +5,7 @@
 // @ts-check
 
 import { Client, lengthUnitOf, mount } from './isoscope-view.js';
-import { stateFromHash } from './view-state.js';
+import { asksFirstLook, stateFromHash, withMaterial } from './view-state.js';
 import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
 import { byId } from './elements.js';
@@ -79,16 +79,20 @@ export function stateOfAddress() {
 export const start = stateOfAddress();
 
 export const shown = mount(byId('view', HTMLElement), { renderer,
-  // Without colours that only the dataset knows, `open` sets it later.
-  state: start.state.surfaces && !start.state.surfaces.some(needsColor) ? start.state : undefined,
+  // Without colours that only the dataset knows, or a camera, `open` sets it later.
+  state: start.state.surfaces && !asksFirstLook(start.state) && !start.state.surfaces.some(needsColor) ? start.state : undefined,
   maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };
 
-/** @param {FrameRequest} part @param {boolean} [isMoving] */
+/**
+ * Changes the state. New surfaces get the material of the others.
+ * @param {FrameRequest} part @param {boolean} [isMoving]
+ */
 export function change(part, isMoving = false) {
-  shown.update(part, { isMoving });
+  const material = part.surfaces && (shown.state.surfaces ?? []).find((/** @type {any} */ one) => one.material)?.material;
+  shown.update(material ? { ...part, surfaces: withMaterial(part.surfaces, material) } : part, { isMoving });
 }
 
 /** Behind a length: its unit, if it is known. */

@@ -15,7 +15,7 @@ import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
 import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
-import { withColors } from './label-sets.js';
+import { needsColor, withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook } from './look.js';
 import { say } from './messages.js';
@@ -24,7 +24,7 @@ import { clearPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { BACKGROUNDS, PALETTE, format, fromHex } from './values.js';
-import { stateToHash } from './view-state.js';
+import { asksFirstLook, stateToHash, withFirstLook } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -95,10 +95,25 @@ function labelOf(name, datasets) {
   return datasets.filter((other) => short(other.name) === short(name)).length > 1 ? name : short(name);
 }
 
+/**
+ * Learns what the coordinator knows, and shows the first look of the address if that can be done without the
+ * dataset: the picture need not wait for the histogram.
+ * @param {{features?: string[]}} abilities
+ */
+function showFirst({ features = [] }) {
+  if (features.includes('fit_cells')) {
+    shown.fitKind = 'CAMERA_FIT_CELLS';
+  }
+  if (!shown.hasState && asksFirstLook(start.state) && start.state.surfaces && !start.state.surfaces.some(needsColor)) {
+    shown.setState(withFirstLook(start.state, shown.fitKind));
+  }
+}
+
 async function loadDatasets() {
   try {
     // A gateway that does not know its coordinator's abilities still shows pictures.
     const abilities = client.get('v1/capabilities').catch(() => ({}));
+    abilities.then(showFirst);
     datasets = (await client.get('v1/datasets')).datasets ?? [];
     hasNotes = ((await abilities).features ?? []).includes('notes');
   } catch (error) {
@@ -113,8 +128,8 @@ async function loadDatasets() {
 }
 
 /**
- * Shows a state. If it has no surface, the histogram suggests an isovalue; if it has no camera, the server
- * chooses it, as for every other client.
+ * Shows a state. If it has no surface, the histogram suggests an isovalue; if it has no camera, it is the first
+ * look, as of every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
@@ -139,7 +154,8 @@ async function open(state, problems) {
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
-  shown.setState({ ...filled, ...(hasNotes ? { withNotes: true } : {}) });
+  const first = asksFirstLook(state) ? withFirstLook(filled, shown.fitKind) : filled;
+  shown.setState({ ...first, ...(hasNotes ? { withNotes: true } : {}) });
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -153,7 +169,7 @@ function drawViews() {
     viewsDrawn = names.join();
     page.views.replaceChildren(...names.map((name, i) => make('button', { title: `Look from the side “${name}” (key ${i + 1})`,
       'data-view': name, onclick: () => shown.lookFrom(name) }, name[0].toUpperCase() + name.slice(1))),
-    make('button', { title: 'Show all of it (key 0)', onclick: () => shown.reset() }, 'Fit'));
+    make('button', { title: 'Show all of it, from here (key 0)', onclick: () => shown.fit() }, 'Fit'));
   }
 }
 
