@@ -76,7 +76,7 @@ def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(
 
 
 def test_the_suggested_isovalue_is_the_default(dataset):
-    assert dataset.view(size=(32, 32)).state["isovalue"] == dataset.suggestions()[0].isovalue
+    assert dataset.view(size=(32, 32)).state["surfaces"][0]["isovalue"] == dataset.suggestions()[0].isovalue
 
 
 def test_the_gateway_is_the_one_that_the_server_names(client, dataset, monkeypatch, module):

@@ -109,8 +109,9 @@ class View:
 
     @property
     def camera(self) -> Camera:
-        """The camera of the state."""
-        return _answer.camera(self._current().camera)
+        """The camera of the state; before the browser knows the one of the first look, that of the exact picture."""
+        request = self._current()
+        return _answer.camera(request.camera) if request.HasField("camera") else self.snapshot().camera
 
     @property
     def picked(self) -> Any:
@@ -246,6 +247,9 @@ def make_view(
     if gateway and not gateway.startswith(("http://", "https://", "/")):
         raise InvalidArgumentError(f"gateway {gateway!r}: must begin with http://, https:// or /")
     request = _request.frame(
-        dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size, **selection
-    )
+        dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size,
+        capabilities=dataset._client._capabilities, **selection,
+    )  # fmt: skip
+    if _request.asks_first_look(camera, view):
+        _request.set_first_look(request)
     return View(dataset, request, (request.viewport.width_px, request.viewport.height_px), gateway, token or "")
