@@ -85,7 +85,6 @@ Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3
 Camera FitToBox(const Camera& camera, const Viewport& viewport, const math::Box3d& from,
                 const math::Box3d& to) {
   ISOSCOPE_CHECK_GT(from.Radius(), 0.0);
-  ISOSCOPE_CHECK_GT(to.Radius(), 0.0);
   const math::Vec3d to_eye = math::Normalized(camera.eye - camera.target);
   const math::Vec3d right = math::Normalized(math::Cross(camera.up, to_eye));
   const math::Vec3d up = math::Cross(to_eye, right);

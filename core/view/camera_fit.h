@@ -34,7 +34,7 @@ inline constexpr double kTightShare = 0.95;
 // Returns a camera for box `to` as MoveToBox does, but tight: if `camera` has the distance of the
 // default camera of `from`, or its height, the whole box `to` is in the picture of this size, and takes
 // kTightShare of its width or of its height. Other distances and heights are scaled in proportion.
-// REQUIRES: from.Radius() > 0, to.Radius() > 0, the camera is valid.
+// The camera is invalid if `to` is a point. REQUIRES: from.Radius() > 0, the camera is valid.
 Camera FitToBox(const Camera& camera, const Viewport& viewport, const math::Box3d& from,
                 const math::Box3d& to);
 
