@@ -96,12 +96,10 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                             session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = client::PictureRevisionOf(cluster, subject.dataset);
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      subject.has_notes,
-      client::HasFeature("notes", session->question_timeout(), &session->client()));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      subject.fits_cells,
-      client::HasFeature("fit_cells", session->question_timeout(), &session->client()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const client::Features features,
+                            client::FeaturesOf(session->question_timeout(), &session->client()));
+  subject.has_notes = features.count("notes") > 0;
+  subject.fits_cells = features.count("fit_cells") > 0;
   return subject;
 }
 

@@ -231,7 +231,8 @@ void FillFirstLook(RenderFlags* flags) {
   if (!flags->look.material) {
     flags->look.material = client::MaterialChoice::kSoft;
   }
-  if (!flags->effects.samples) {
+  const bool has_picture = flags->output || !flags->planes.files.any_plane();
+  if (!flags->effects.samples && has_picture) {  // planes have one sample
     client::EffectFlags finer = flags->effects;
     finer.samples = wire::GetFirstLook().samples();
     const view::Viewport viewport = flags->request.viewport();

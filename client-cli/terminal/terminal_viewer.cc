@@ -471,13 +471,10 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
     volume.values = {values.min(), values.max()};
   }
   volume.first_camera = wire::FirstLookCamera(volume.bounds, volume.patient_frame);
-  Abilities abilities;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      abilities.has_notes,
-      client::HasFeature("notes", session->question_timeout(), &session->client()));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      abilities.fits_cells,
-      client::HasFeature("fit_cells", session->question_timeout(), &session->client()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const client::Features features,
+                            client::FeaturesOf(session->question_timeout(), &session->client()));
+  const Abilities abilities{.has_notes = features.count("notes") > 0,
+                            .fits_cells = features.count("fit_cells") > 0};
   const std::unique_ptr<client::InteractStream> stream = session->client().Interact();
   Viewer viewer(dataset, volume, isovalue, abilities, tty.fd(), *terminal, stream.get());
   const absl::Status status = viewer.Run(context.interrupt->cancellation());

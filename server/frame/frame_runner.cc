@@ -127,9 +127,8 @@ absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const Query
     return view::ClippedBounds(view::BoundsOfCells(geometry, cells), asked->spec.clip);
   };
   if (asked->fit == isoscope::v1::CAMERA_FIT_CELLS) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const CellBoxCache::CellBox cells,
-        FindCellBox(identity, query, dataset.shard_count(), layout, asked->spec));
+    ISOSCOPE_ASSIGN_OR_RETURN(const CellBoxCache::CellBox cells,
+                              FindCellBox(identity, query, dataset.shard_count(), layout, *asked));
     std::optional<volume::PatientFrame> patient_frame;
     if (!dataset.patient_frame().empty()) {
       ISOSCOPE_ASSIGN_OR_RETURN(patient_frame,
@@ -158,18 +157,24 @@ absl::StatusOr<CellBoxCache::CellBox> FrameRunner::FindCellBox(const FrameIdenti
                                                                const QueryTarget& query,
                                                                int shard_count,
                                                                const volume::BlockLayout& layout,
-                                                               const frame::FrameSpec& spec) {
-  const std::vector<volume::InsideRule> rules = frame::RulesOf(spec);
-  const std::string key = CellBoxCache::KeyOf(query.dataset_id, rules, spec.clip);
+                                                               const AskedFrame& asked) {
+  const std::vector<volume::InsideRule> rules = frame::RulesOf(asked.spec);
+  const view::ClipRegion& clip = asked.spec.clip;
+  const std::string key = CellBoxCache::KeyOf(query.dataset_id, rules, clip);
   if (const std::shared_ptr<const CellBoxCache::CellBox> known = cell_boxes_.Find(key)) {
     return *known;
   }
   const base::TraceScope trace(identity.trace, "find cells");
   QueryOutcome<CellBoxCache::CellBox> outcome =
-      AskCellBox(query, layout, rules, spec.clip, *identity.request, *identity.cancellation);
+      AskCellBox(query, layout, rules, clip, *identity.request, *identity.cancellation);
   state_.ReportQuery(*identity.request, outcome.report);
-  // Without some shards (allow_partial) the box is that of the others.
-  if (outcome.result.ok() && MissingShards(shard_count, query.parts).empty()) {
+  const absl::Status& status = outcome.result.status();
+  if (asked.allow_partial && (absl::IsUnavailable(status) || absl::IsDataLoss(status) ||
+                              absl::IsFailedPrecondition(status))) {
+    return std::nullopt;  // the picture will lack the shards of that agent
+  }
+  // Without some shards the box is that of the others.
+  if (status.ok() && MissingShards(shard_count, query.parts).empty()) {
     cell_boxes_.Insert(key, *outcome.result);
   }
   return std::move(outcome.result);
