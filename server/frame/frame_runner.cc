@@ -164,7 +164,6 @@ absl::StatusOr<CellBoxCache::CellBox> FrameRunner::FindCellBox(const FrameIdenti
   if (const std::shared_ptr<const CellBoxCache::CellBox> known = cell_boxes_.Find(key)) {
     return *known;
   }
-  const base::TraceScope trace(identity.trace, "find cells");
   QueryOutcome<CellBoxCache::CellBox> outcome =
       AskCellBox(query, layout, rules, clip, *identity.request, *identity.cancellation);
   state_.ReportQuery(*identity.request, outcome.report);
