@@ -19,7 +19,7 @@ TEST(FirstLookTest, TheTableHasValuesThatTheServerTakes) {
   EXPECT_LT(look.elevation_degrees(), 90);
   EXPECT_GE(look.shininess(), 1);
   // With the default ambient share of Material: what faces the eye keeps its colour.
-  EXPECT_NEAR(0.12 + look.diffuse() + look.specular(), 1, 1e-6);
+  EXPECT_NEAR(0.12F + look.diffuse() + look.specular(), 1.0F, 1e-6F);
 }
 
 TEST(FirstLookTest, TheCameraIsTheTurnedDefaultOneOrThePatientsFront) {

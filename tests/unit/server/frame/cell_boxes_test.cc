@@ -1,6 +1,6 @@
 #include "server/frame/cell_boxes.h"
 
-#include <map>
+#include <optional>
 #include <set>
 #include <string>
 
@@ -54,7 +54,7 @@ TEST(CellBoxCacheTest, ThatThereAreNoCellsIsKnownToo) {
   base::MetricFamily lookups;
   lookups.name = "lookups";
   cache.AppendSamples(&lookups);
-  auto values = testing::MetricValues({lookups});
+  auto values = testing::ValuesOf({lookups});
   EXPECT_EQ(values["lookups cache=cell_boxes result=hit"], 4);
   EXPECT_EQ(values["lookups cache=cell_boxes result=miss"], 1);
 }
