@@ -23,6 +23,7 @@
 #include "gtest/gtest.h"
 
 #include "core/view/camera.h"
+#include "core/view/camera_fit.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/wire/wrong_fields.h"
 #include "wire/first_look.h"
