@@ -177,7 +177,7 @@ def test_with_anywidget_the_browsers_state_is_the_views(dataset, anywidget):
 def test_the_state_can_be_set_and_is_checked(dataset):
     view = dataset.view(127.5, size=(64, 64))
     view.state = {"dataset": "shells", "isovalue": 60}
-    assert view.snapshot().png == dataset.render(60, size=64).png
+    assert view.snapshot().png == dataset.render(60, view="front", size=64).png
     with pytest.raises(InvalidArgumentError, match="isovalues"):
         view.state = {"isovalues": 3}
 
@@ -226,7 +226,7 @@ def test_frames_come_through_the_kernel_where_the_browser_asks_for_it(client, an
         view.widget.receive({"type": "isoscope/interact", "text": '{"frameShown": {"frameNumber": "1"}}'})
         view.widget.receive({"type": "isoscope/interact", "text": '{"viewState": {"unknown": 1}}'})
         assert "unknown" in view.widget.frame()[0]["error"]["message"]
-        view.widget.receive(state_message(6, {**frame, "isovalue": 60}))
+        view.widget.receive(state_message(6, {**frame, "surfaces": [{**frame["surfaces"][0], "isovalue": 60}]}))
         assert view.widget.frame()[1] == dataset.render(60, size=(64, 48)).png
         view.widget.receive({"type": "isoscope/close"})
         view.widget.receive(state_message(7, frame))
