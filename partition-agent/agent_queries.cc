@@ -3,6 +3,7 @@
 //
 //   GetShardHistogram   counts by value, costs of isovalues, the label values of the samples
 //   GetActiveBox        one shard is enough, because each has the ranges of all blocks
+//   GetCellBox          the only one that reads on the threads of frames
 //   GetGradients        gradient, shard, values and label of picked points; a point is answered by
 //                       the shard that has its block
 //
@@ -20,6 +21,7 @@
 #include "partition-agent/shard/point_gradients.h"
 #include "partition-agent/shard/shard_histogram.h"
 #include "partition-agent/shard/shard_label_values.h"
+#include "partition-agent/supply/cell_box.h"
 #include "partition-agent/supply/point_values.h"
 #include "wire/frame_convert.h"
 #include "wire/histogram_convert.h"
@@ -39,6 +41,26 @@ void SortShards(v1::DescribeShardsResponse* description) {
               return std::pair(a.dataset().name(), a.shard_index()) <
                      std::pair(b.dataset().name(), b.shard_index());
             });
+}
+
+// The rules of a question about active blocks or cells.
+template <typename Request>
+absl::StatusOr<std::vector<volume::InsideRule>> RulesOf(const Request& request) {
+  if (request.isovalues().empty() && request.label_sets().empty()) {
+    return absl::InvalidArgumentError(
+        "isovalues is empty: must name at least one, unless there are label_sets");
+  }
+  std::vector<volume::InsideRule> rules;
+  for (const double isovalue : request.isovalues()) {
+    ISOSCOPE_RETURN_IF_ERROR(wire::CheckFinite(isovalue, "isovalues"));
+    rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
+  }
+  for (int i = 0; i < request.label_sets_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(rules.emplace_back(),
+                              wire::LabelsFromProto(request.label_sets(i).labels(), /*smooths=*/false,
+                                                    absl::StrCat("label_sets[", i, "].labels")));
+  }
+  return rules;
 }
 
 // Adds the labels, and the values of scalar volumes, that a request asks for.
@@ -153,21 +175,7 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequ
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& request,
                          const base::Cancellation& /*cancellation*/,
                          v1::GetActiveBoxResponse* response) {
-  if (request.isovalues().empty() && request.label_sets().empty()) {
-    return absl::InvalidArgumentError(
-        "isovalues is empty: must name at least one, unless there are label_sets");
-  }
-  std::vector<volume::InsideRule> rules;
-  for (const double isovalue : request.isovalues()) {
-    ISOSCOPE_RETURN_IF_ERROR(wire::CheckFinite(isovalue, "isovalues"));
-    rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
-  }
-  for (int i = 0; i < request.label_sets_size(); ++i) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        rules.emplace_back(),
-        wire::LabelsFromProto(request.label_sets(i).labels(),
-                              /*smooths=*/false, absl::StrCat("label_sets[", i, "].labels")));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::InsideRule> rules, RulesOf(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                             wire::ClipRegionFromProto(request.clip(), "clip"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
@@ -176,6 +184,20 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& 
   const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
                                     view::Clipper(clip, reader.manifest().geometry));
   *response = wire::ToProto(box.block_count, box.cells);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const v1::GetCellBoxRequest& request,
+                         const base::Cancellation& cancellation, v1::GetCellBoxResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::InsideRule> rules, RulesOf(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                            wire::ClipRegionFromProto(request.clip(), "clip"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const Shards found,
+                            shards.Find(request.dataset_id(), request.shard_indices()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const math::IndexBox cells,
+                            CellBoxOfShards(found, rules, clip, resources, cancellation));
+  *response = wire::ToProto(cells);
   return absl::OkStatus();
 }
 

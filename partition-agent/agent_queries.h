@@ -12,6 +12,7 @@
 #include "core/base/cancellation.h"
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "partition-agent/memory/agent_resources.h"
 #include "partition-agent/opening.h"
 #include "partition-agent/shard_damage.h"
 #include "partition-agent/shard_set.h"
@@ -40,6 +41,11 @@ absl::Status AnswerQuery(const ShardSet& shards,
                          const isoscope::internal::v1::GetActiveBoxRequest& request,
                          const base::Cancellation& cancellation,
                          isoscope::internal::v1::GetActiveBoxResponse* response);
+// Reads some blocks, on the threads of `resources`.
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const isoscope::internal::v1::GetCellBoxRequest& request,
+                         const base::Cancellation& cancellation,
+                         isoscope::internal::v1::GetCellBoxResponse* response);
 absl::Status AnswerQuery(const ShardSet& shards,
                          const isoscope::internal::v1::GetGradientsRequest& request,
                          const base::Cancellation& cancellation,

@@ -102,12 +102,20 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
       executor = &agent_.label_executor;
     }
   }
+  if constexpr (std::is_same_v<Request, v1::GetCellBoxRequest>) {
+    max_duration = absl::Hours(1);  // the frame that waits for it has a deadline of its own
+  }
   return rpc::UnaryTask::Start(
       context, *request, executor, max_duration,
       [this, request, response](const base::Cancellation& cancellation,
                                 const base::TraceContext& /*identity*/) {
-        return agent_.damages.ForCaller(
-            AnswerQuery(agent_.shards, *request, cancellation, response));
+        if constexpr (std::is_same_v<Request, v1::GetCellBoxRequest>) {
+          return agent_.damages.ForCaller(AnswerQuery(agent_.shards, agent_.Resources(nullptr),
+                                                      *request, cancellation, response));
+        } else {
+          return agent_.damages.ForCaller(
+              AnswerQuery(agent_.shards, *request, cancellation, response));
+        }
       },
       UnaryEnd(method, request, response, context));
 }

@@ -62,6 +62,12 @@ class PartitionAgentServiceImpl final
       isoscope::internal::v1::GetActiveBoxResponse* response) override {
     return StartQuery(AgentMethod::kGetActiveBox, context, request, response);
   }
+  grpc::ServerUnaryReactor* GetCellBox(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::GetCellBoxRequest* request,
+      isoscope::internal::v1::GetCellBoxResponse* response) override {
+    return StartQuery(AgentMethod::kGetCellBox, context, request, response);
+  }
   grpc::ServerUnaryReactor* GetGradients(
       grpc::CallbackServerContext* context,
       const isoscope::internal::v1::GetGradientsRequest* request,

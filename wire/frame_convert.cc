@@ -7,7 +7,7 @@
 // 3. Checks across fields follow, such as a background that must be opaque for JPEG.
 //
 // Each error is INVALID_ARGUMENT and names the path of the field, its value and the allowed values.
-// Checks that need the dataset come later: ResolveCamera, and surface_convert.h.
+// Checks that need the dataset come later: ResolveCamera, ResolveCellsCamera, and surface_convert.h.
 
 #include "wire/frame_convert.h"
 
@@ -24,6 +24,7 @@
 #include "core/view/camera.h"
 #include "core/view/camera_fit.h"
 #include "wire/enum_table.h"
+#include "wire/first_look.h"
 #include "wire/known_fields.h"
 #include "wire/proto_convert.h"
 
@@ -231,7 +232,8 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
   if (!v1::CameraFit_IsValid(request.camera_fit())) {
     return absl::InvalidArgumentError(
         absl::StrCat("camera_fit is ", static_cast<int>(request.camera_fit()),
-                     ": must be CAMERA_FIT_VOLUME (1) or CAMERA_FIT_SURFACE (2)"));
+                     ": must be CAMERA_FIT_VOLUME (1), CAMERA_FIT_SURFACE (2) or "
+                     "CAMERA_FIT_CELLS (3)"));
   }
   if (request.has_nan_color()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec.nan_color, NanColorFromProto(request.nan_color()));
@@ -293,7 +295,10 @@ absl::StatusOr<AskedFrame> AskedFrameFromProto(const v1::RenderIsosurfaceRequest
   if (request.has_selection()) {
     asked.selection = request.selection();
   }
-  asked.fits_surface = request.camera_fit() == v1::CAMERA_FIT_SURFACE;
+  if (request.camera_fit() != v1::CAMERA_FIT_UNSPECIFIED) {
+    asked.fit = request.camera_fit();
+  }
+  asked.fit_viewport = asked.spec.viewport;
   asked.with_trace = request.with_trace();
   asked.allow_partial = request.allow_partial();
   asked.with_notes = request.with_notes();
@@ -372,6 +377,16 @@ absl::Status ResolveCamera(const math::Box3d& bounds, frame::FrameSpec* spec,
                                   ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
                                   : view::MoveToBox(*spec->camera, bounds, *surface_bounds);
   ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(ToProto(camera), "camera"));
+  return absl::OkStatus();
+}
+
+absl::Status ResolveCellsCamera(const math::Box3d& bounds, const std::optional<math::Box3d>& cells,
+                                const std::optional<volume::PatientFrame>& patient_frame,
+                                const view::Viewport& viewport, frame::FrameSpec* spec) {
+  const view::Camera start =
+      spec->camera.has_value() ? *spec->camera : FirstLookCamera(bounds, patient_frame);
+  const view::Camera fitted = view::FitToBox(start, viewport, bounds, cells.value_or(bounds));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(ToProto(fitted), "camera"));
   return absl::OkStatus();
 }
 

@@ -16,7 +16,9 @@
 #include "core/frame/frame_spec.h"
 #include "core/frame/picture_revision.h"
 #include "core/math/box.h"
+#include "core/view/camera.h"
 #include "core/view/clip_region.h"
+#include "core/volume/patient_frame.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "wire/surface_convert.h"  // IWYU pragma: export
@@ -41,7 +43,8 @@ struct AskedFrame {
   std::string dataset;     // as the request names it
   std::string dataset_id;  // that it must have; empty: any
   std::optional<isoscope::v1::FieldSelection> selection;
-  bool fits_surface = false;  // its camera: CAMERA_FIT_SURFACE
+  isoscope::v1::CameraFit fit = isoscope::v1::CAMERA_FIT_VOLUME;  // never unspecified
+  view::Viewport fit_viewport;  // of the request: pictures in motion may be drawn smaller
   bool with_trace = false;
   bool allow_partial = false;
   bool with_notes = false;
@@ -79,6 +82,13 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(
 // message has it, so that agents and the client's next request have the same bits.
 absl::Status ResolveCamera(const math::Box3d& bounds, frame::FrameSpec* spec,
                            const std::optional<math::Box3d>& surface_bounds = std::nullopt);
+
+// Does the same for CAMERA_FIT_CELLS. A frame without a camera gets that of FirstLook.
+//
+// cells: the box of the active cells; not set: there are none
+absl::Status ResolveCellsCamera(const math::Box3d& bounds, const std::optional<math::Box3d>& cells,
+                                const std::optional<volume::PatientFrame>& patient_frame,
+                                const view::Viewport& viewport, frame::FrameSpec* spec);
 
 // INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.
 absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(

@@ -134,6 +134,22 @@ constexpr EnumRow<volume::SuggestionMethod, v1::IsovalueSuggestion::Method> kMet
     {volume::SuggestionMethod::kBetweenClasses, v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES},
     {volume::SuggestionMethod::kOnePercent, v1::IsovalueSuggestion::METHOD_ONE_PERCENT}};
 
+// A box of cells that an agent found.
+absl::StatusOr<std::optional<math::IndexBox>> CellsFromProto(const v1::Dimensions& begin,
+                                                             const v1::Dimensions& end,
+                                                             const volume::BlockLayout& layout) {
+  const math::IndexBox box{{begin.x(), begin.y(), begin.z()}, {end.x(), end.y(), end.z()}};
+  for (int axis = 0; axis < 3; ++axis) {
+    if (box.begin[axis] < 0 || box.end[axis] <= box.begin[axis] ||
+        box.end[axis] >= layout.sample_dims()[axis]) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("cells %d to %d on axis %d: must ascend and lie in [0, %d)",
+                          box.begin[axis], box.end[axis], axis, layout.sample_dims()[axis]));
+    }
+  }
+  return box;
+}
+
 }  // namespace
 
 absl::StatusOr<HistogramQuery> HistogramQueryFromProto(const v1::GetHistogramRequest& request) {
@@ -285,18 +301,24 @@ absl::StatusOr<std::optional<math::IndexBox>> ActiveBoxFromProto(
   if (proto.active_block_count() == 0) {
     return std::nullopt;
   }
-  const v1::Dimensions& begin = proto.begin_cell();
-  const v1::Dimensions& end = proto.end_cell();
-  const math::IndexBox box{{begin.x(), begin.y(), begin.z()}, {end.x(), end.y(), end.z()}};
-  for (int axis = 0; axis < 3; ++axis) {
-    if (box.begin[axis] < 0 || box.end[axis] <= box.begin[axis] ||
-        box.end[axis] >= layout.sample_dims()[axis]) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("cells %d to %d on axis %d: must ascend and lie in [0, %d)",
-                          box.begin[axis], box.end[axis], axis, layout.sample_dims()[axis]));
-    }
+  return CellsFromProto(proto.begin_cell(), proto.end_cell(), layout);
+}
+
+internal::GetCellBoxResponse ToProto(const math::IndexBox& cells) {
+  internal::GetCellBoxResponse proto;
+  if (!cells.empty()) {
+    *proto.mutable_begin_cell() = ToProto(cells.begin);
+    *proto.mutable_end_cell() = ToProto(cells.end);
   }
-  return box;
+  return proto;
+}
+
+absl::StatusOr<std::optional<math::IndexBox>> CellBoxFromProto(
+    const internal::GetCellBoxResponse& proto, const volume::BlockLayout& layout) {
+  if (!proto.has_begin_cell() && !proto.has_end_cell()) {
+    return std::nullopt;
+  }
+  return CellsFromProto(proto.begin_cell(), proto.end_cell(), layout);
 }
 
 }  // namespace isoscope::wire

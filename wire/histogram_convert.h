@@ -48,6 +48,10 @@ isoscope::internal::v1::GetActiveBoxResponse ToProto(std::int64_t active_block_c
                                                      const math::IndexBox& cells);
 absl::StatusOr<std::optional<math::IndexBox>> ActiveBoxFromProto(
     const isoscope::internal::v1::GetActiveBoxResponse& proto, const volume::BlockLayout& layout);
+// The box of the active cells; empty or not set if there are none.
+isoscope::internal::v1::GetCellBoxResponse ToProto(const math::IndexBox& cells);
+absl::StatusOr<std::optional<math::IndexBox>> CellBoxFromProto(
+    const isoscope::internal::v1::GetCellBoxResponse& proto, const volume::BlockLayout& layout);
 
 }  // namespace isoscope::wire
 

@@ -91,7 +91,7 @@ HelpLayout HelpLayoutOfCommands() {
       {"Field and time", {}},
       {"Fields and time steps", {}},
       {"Views", {}},
-      {"Camera (default: sees the whole volume along -z, +y up)", {}},
+      {"Camera (default: the first look, as of the page)", {}},
       {"Lights and colours", {}},
       {"Cuts", {"--clip-plane", "--clip-box", "--caps"}},
       {"Effects", {}},

@@ -1,6 +1,7 @@
 // isoscope pick INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y
 //
-// A pick draws the frame that `render` would draw with the same flags, and returns the surface
+// A pick draws the frame that `render` would draw with the same flags, also the first look without
+// flags of the camera, and returns the surface
 // point at each pixel. So --region is removed: pixels refer to the whole picture. --json prints one
 // object a pixel with the names of the API.
 
@@ -21,6 +22,7 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/commands/surface_notes.h"
 #include "client-cli/session/session.h"
+#include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/camera_file.h"
@@ -211,6 +213,30 @@ absl::Status WriteNotesOnUnpicked(const v1::PickSurfaceRequest& request,
       context);
 }
 
+// The frame whose pixels are meant: that of `render` with the same flags.
+absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrame(const PickFlags& flags,
+                                                      const client::RequestFlags& frame_flags,
+                                                      const v1::Dataset& dataset,
+                                                      Session* session) {
+  if (client::HasCamera(flags.view, flags.request.camera)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
+                              client::ResolveView(flags.view, flags.request.camera, dataset));
+    return client::MakeRequest(frame_flags, dataset.name(), camera, flags.view.fit);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera, client::FirstLookCamera(dataset));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      v1::RenderIsosurfaceRequest request,
+      client::MakeRequest(frame_flags, dataset.name(), camera, /*fit=*/std::nullopt));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const bool fits_cells,
+      client::HasFeature("fit_cells", session->question_timeout(), &session->client()));
+  if (fits_cells) {
+    request.clear_camera();
+    request.set_camera_fit(v1::CAMERA_FIT_CELLS);
+  }
+  return request;
+}
+
 absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.view.save_camera_file) {
@@ -228,13 +254,10 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
                                                  session->frame_timeout(), &session->client(),
                                                  &frame_flags.label));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(frame_flags));
-  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
-                            client::ResolveView(flags.view, flags.request.camera, dataset));
   v1::PickSurfaceRequest request;
   request.set_with_field_values(flags.all_fields);
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      *request.mutable_frame(),
-      client::MakeRequest(frame_flags, dataset.name(), camera, flags.view.fit));
+  ISOSCOPE_ASSIGN_OR_RETURN(*request.mutable_frame(),
+                            MakeFrame(flags, frame_flags, dataset, session.get()));
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_ASSIGN_OR_RETURN(const wire::PixelPosition pixel,
                               ParsePixel(text, flags.request.viewport()));

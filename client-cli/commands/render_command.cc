@@ -84,7 +84,8 @@ absl::Status WriteStatistics(const RenderFlags& flags, const v1::Dataset& datase
 struct Subject {
   v1::Dataset dataset;
   std::string picture_revision;
-  bool has_notes = false;  // the server knows notes on surfaces
+  bool has_notes = false;   // the server knows notes on surfaces
+  bool fits_cells = false;  // and CAMERA_FIT_CELLS
 };
 
 absl::StatusOr<Subject> FindSubject(Session* session) {
@@ -93,9 +94,10 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                             session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = client::PictureRevisionOf(cluster, subject.dataset);
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      subject.has_notes,
-      client::HasFeature("notes", session->question_timeout(), &session->client()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const client::Features features,
+                            client::FeaturesOf(session->question_timeout(), &session->client()));
+  subject.has_notes = features.count("notes") > 0;
+  subject.fits_cells = features.count("fit_cells") > 0;
   return subject;
 }
 
@@ -270,18 +272,45 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   return client::WritePlanes(flags.planes.files, response);
 }
 
+// The camera of the first frame.
+struct FirstCamera {
+  v1::Camera camera;
+  std::optional<v1::CameraFit> fit;
+  bool is_servers_choice = false;  // the server places it, and `camera` is not sent
+};
+
+absl::StatusOr<FirstCamera> FirstCameraOf(const RenderFlags& flags, const Subject& subject) {
+  FirstCamera first{.camera = {}, .fit = flags.view.fit};
+  if (!flags.shows_first_look()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        first.camera, client::ResolveView(flags.view, flags.request.camera, subject.dataset));
+    return first;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(first.camera, client::FirstLookCamera(subject.dataset));
+  // What fits the first frame of a film may not fit the others.
+  if (subject.fits_cells && !flags.sweep.is_film()) {
+    first.fit = v1::CAMERA_FIT_CELLS;
+    first.is_servers_choice = true;
+  }
+  return first;
+}
+
 // Returns the request of frame `i`, whose camera is `first`, rotated. `has_notes`: with notes.
 absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(
     const RenderFlags& flags, const client::RequestFlags& frame_flags, const std::string& dataset,
-    const v1::Camera& first, int i, bool has_notes) {
+    const FirstCamera& first, int i, bool has_notes) {
   ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(frame_flags, dataset, first, flags.view.fit));
+                            client::MakeRequest(frame_flags, dataset, first.camera, first.fit));
+  if (first.is_servers_choice) {
+    request.clear_camera();
+  }
   if (flags.sweep.is_step_sweep()) {
     request.mutable_selection()->set_time_step(flags.sweep.steps[static_cast<std::size_t>(i)]);
   }
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
     // All values but the eye have the same bits as in the first camera.
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, wire::CameraFromProto(first, "camera"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
+                              wire::CameraFromProto(first.camera, "camera"));
     *request.mutable_camera()->mutable_eye() =
         wire::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
   }
@@ -310,7 +339,7 @@ std::string DescribeResult(const RenderFlags& flags) {
 
 // Draws all frames and writes their pictures. Returns the last answer.
 absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(
-    const RenderFlags& flags, const Subject& subject, const v1::Camera& camera, Session* session,
+    const RenderFlags& flags, const Subject& subject, const FirstCamera& camera, Session* session,
     std::vector<FrameRecord>* frames, PictureOutput* output, const Context& context) {
   const int frame_count = flags.sweep.frame_count();
   v1::RenderIsosurfaceResponse last;
@@ -351,8 +380,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
     flags.annotations.caption = "{time}";
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
-                            client::ResolveView(flags.view, flags.request.camera, dataset));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FirstCamera camera, FirstCameraOf(flags, subject));
   if (flags.is_poster()) {
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest whole,
                               MakeFrameRequest(flags, flags.request, dataset.name(), camera,
@@ -442,8 +470,10 @@ WantedVolumes WantedOf(const v1::RenderIsosurfaceRequest& request) {
   return wanted;
 }
 
-absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, set, context));
+absl::Status Run(const RenderFlags& given, const FlagSet& set, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(given, set, context));
+  RenderFlags flags = given;
+  FillFirstLook(&flags);
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
   const PictureDisplay display = PictureDisplay::ForStandardOutput(flags.show_mode(), context);
   if (!flags.output && !flags.planes.files.any_plane() && !display.is_on()) {

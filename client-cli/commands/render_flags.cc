@@ -27,6 +27,7 @@
 #include "core/frame/frame_spec.h"
 #include "core/image/jpeg_codec.h"
 #include "core/io/atomic_file.h"
+#include "wire/first_look.h"
 
 namespace isoscope::cli {
 namespace {
@@ -226,6 +227,26 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
     return UsageError("--like makes one picture again: --output must end in .png");
   }
   return client::CheckOnlyFlagsBesideLike(set);
+}
+
+void FillFirstLook(RenderFlags* flags) {
+  if (!flags->shows_first_look()) {
+    return;
+  }
+  if (!flags->look.material) {
+    flags->look.material = client::MaterialChoice::kSoft;
+  }
+  const bool has_picture = flags->output || !flags->planes.files.any_plane();
+  if (!flags->effects.samples && has_picture) {  // planes have one sample
+    client::EffectFlags finer = flags->effects;
+    finer.samples = wire::GetFirstLook().samples();
+    const view::Viewport viewport = flags->request.viewport();
+    const view::Viewport drawn = finer.drawn_size(viewport);
+    if (!client::NeedsRegions(viewport) &&
+        std::max(drawn.width_px, drawn.height_px) <= view::kMaxViewportPx) {
+      flags->effects = finer;
+    }
+  }
 }
 
 absl::Status CheckOutputs(const RenderFlags& flags) {

@@ -44,6 +44,10 @@ struct RenderFlags {
   std::optional<std::string> dataset_id;
   client::Annotations annotations;
 
+  // Whether the picture is the first look: no flag says anything of the camera.
+  [[nodiscard]] bool shows_first_look() const {
+    return !like && !client::HasCamera(view, request.camera);
+  }
   // Returns true if the picture is drawn region by region.
   [[nodiscard]] bool is_poster() const;
   // The size of a poster's regions.
@@ -64,6 +68,10 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags);
 
 // UsageError for flags given to `set` that do not fit each other.
 absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context);
+
+// Fills in samples and material of the first look, where it is shown and no flag has them. Posters and
+// their regions keep one sample.
+void FillFirstLook(RenderFlags* flags);
 
 // Checks that the outputs can be written, before any work.
 absl::Status CheckOutputs(const RenderFlags& flags);

@@ -81,6 +81,10 @@ struct SweepFlags {
   [[nodiscard]] bool is_isovalue_sweep() const { return isovalues && isovalues->count > 1; }
   // Several steps, known or not yet.
   [[nodiscard]] bool is_step_sweep() const { return step_range && step_range->last; }
+  // The frames show different things: several isovalues, steps or directions.
+  [[nodiscard]] bool is_film() const {
+    return is_isovalue_sweep() || is_step_sweep() || orbit_degrees.value_or(0) != 0;
+  }
   [[nodiscard]] int frame_count() const;
   // The rate of an animation.
   [[nodiscard]] double fps() const { return frames_per_second.value_or(12); }

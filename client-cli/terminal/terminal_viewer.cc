@@ -43,6 +43,7 @@
 #include "core/base/status_macros.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::cli {
@@ -155,13 +156,21 @@ std::string NotesOf(const v1::RenderIsosurfaceResponse& frame) {
   });
 }
 
+// What a server knows beyond its first version.
+struct Abilities {
+  bool has_notes = false;   // it tells why surfaces do not show
+  bool fits_cells = false;  // it knows CAMERA_FIT_CELLS
+};
+
 class Viewer {
  public:
-  // has_notes: the server tells why surfaces do not show
-  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, double isovalue, bool has_notes,
-         int tty, const PictureTerminal& terminal, client::InteractStream* stream)
+  // abilities: of the server
+  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, double isovalue,
+         const Abilities& abilities, int tty, const PictureTerminal& terminal,
+         client::InteractStream* stream)
       : dataset_name_(dataset.name()),
-        has_notes_(has_notes),
+        abilities_(abilities),
+        camera_from_(abilities.fits_cells ? std::optional<std::int64_t>(0) : std::nullopt),
         tty_(tty),
         stream_(stream),
         controls_(volume, isovalue),
@@ -182,13 +191,18 @@ class Viewer {
   absl::Status Draw(FrameFeed* feed);
   absl::Status DrawLast();
   absl::Status DrawHelp();
+  // Gives the controls the camera of an answer if the server has placed it.
+  absl::Status TakeCamera(const v1::InteractResponse& answer);
   [[nodiscard]] std::string StatusLine() const;
   [[nodiscard]] std::string Clear() const {
     return absl::StrCat(layout_.format == PictureFormat::kKitty ? kRemoveAll : "", "\x1B[2J");
   }
 
   const std::string dataset_name_;
-  const bool has_notes_;
+  const Abilities abilities_;
+  // The server places the camera, and the answer to this state or a newer one has it; not set: the
+  // controls have the camera.
+  std::optional<std::int64_t> camera_from_;
   const int tty_;
   client::InteractStream* const stream_;
   ViewControls controls_;
@@ -210,12 +224,18 @@ class Viewer {
 v1::RenderIsosurfaceRequest Viewer::Frame() const {
   v1::RenderIsosurfaceRequest frame;
   frame.set_dataset(dataset_name_);
-  frame.set_isovalue(controls_.isovalue());
-  *frame.mutable_camera() = wire::ToProto(controls_.camera());
+  frame.add_surfaces()->set_isovalue(controls_.isovalue());
+  wire::AddFirstMaterial(&frame);
+  frame.set_samples(wire::GetFirstLook().samples());
+  if (camera_from_) {
+    frame.set_camera_fit(v1::CAMERA_FIT_CELLS);
+  } else {
+    *frame.mutable_camera() = wire::ToProto(controls_.camera());
+  }
   frame.mutable_viewport()->set_width_px(layout_.viewport.width_px);
   frame.mutable_viewport()->set_height_px(layout_.viewport.height_px);
   frame.set_culling(v1::CULLING_DEPTH);
-  frame.set_with_notes(has_notes_);
+  frame.set_with_notes(abilities_.has_notes);
   return frame;
 }
 
@@ -282,11 +302,22 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
   message_ = newest->has_error() ? newest->error().message() : NotesOf(newest->frame());
   if (newest->has_frame()) {
     latency_ = sent_.TakeLatency(newest->sequence_number(), start);
+    ISOSCOPE_RETURN_IF_ERROR(TakeCamera(*newest));
     last_ = std::move(newest);
   }
   const absl::Status drawn = shows_help_ ? absl::OkStatus() : DrawLast();
   feed->Acknowledge(frame_number, base::MonotonicNow() - start);
   return drawn;
+}
+
+absl::Status Viewer::TakeCamera(const v1::InteractResponse& answer) {
+  if (camera_from_ && answer.sequence_number() >= *camera_from_) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
+                              wire::CameraFromProto(answer.frame().camera(), "frame.camera"));
+    controls_.SetCamera(camera);
+    camera_from_.reset();
+  }
+  return absl::OkStatus();
 }
 
 absl::Status Viewer::DrawHelp() {
@@ -311,6 +342,11 @@ absl::Status Viewer::HandleKeys(absl::string_view bytes) {
         break;
       case ViewControls::Effect::kMoved:
         has_moved = true;
+        camera_from_.reset();
+        break;
+      case ViewControls::Effect::kReset:
+        has_moved = true;
+        camera_from_ = abilities_.fits_cells ? std::optional(sequence_number_ + 1) : std::nullopt;
         break;
       case ViewControls::Effect::kHelp:
         shows_help_ = true;
@@ -371,6 +407,7 @@ absl::Status Viewer::Run(const base::Cancellation& cancellation) {
     ISOSCOPE_RETURN_IF_ERROR(Draw(&feed));
   }
   was_ended_by_server_ = !is_done_ && !cancellation.is_cancelled();
+  camera_from_.reset();  // the last view is that of the controls, also before the first answer
   raw_.reset();
   return absl::OkStatus();
 }
@@ -393,8 +430,11 @@ std::optional<absl::Duration> SentStates::TakeLatency(std::int64_t sequence_numb
 
 std::string FlagsOfFrame(const v1::RenderIsosurfaceRequest& frame) {
   const v1::Camera& camera = frame.camera();
-  return absl::StrCat("--isovalue ", Exact(frame.isovalue()), " --eye ", Exact(camera.eye()),
+  const v1::Surface& surface = frame.surfaces(0);
+  return absl::StrCat("--isovalue ", Exact(surface.isovalue()), " --eye ", Exact(camera.eye()),
                       " --target ", Exact(camera.target()), " --up ", Exact(camera.up()),
+                      surface.has_material() ? " --material soft" : "",
+                      frame.samples() > 1 ? absl::StrCat(" --samples ", frame.samples()) : "",
                       " --width ", frame.viewport().width_px(), " --height ",
                       frame.viewport().height_px());
 }
@@ -430,11 +470,13 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
         dataset.has_finite_range() ? dataset.finite_range() : dataset.value_range();
     volume.values = {values.min(), values.max()};
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const bool has_notes,
-      client::HasFeature("notes", session->question_timeout(), &session->client()));
+  volume.first_camera = wire::FirstLookCamera(volume.bounds, volume.patient_frame);
+  ISOSCOPE_ASSIGN_OR_RETURN(const client::Features features,
+                            client::FeaturesOf(session->question_timeout(), &session->client()));
+  const Abilities abilities{.has_notes = features.count("notes") > 0,
+                            .fits_cells = features.count("fit_cells") > 0};
   const std::unique_ptr<client::InteractStream> stream = session->client().Interact();
-  Viewer viewer(dataset, volume, isovalue, has_notes, tty.fd(), *terminal, stream.get());
+  Viewer viewer(dataset, volume, isovalue, abilities, tty.fd(), *terminal, stream.get());
   const absl::Status status = viewer.Run(context.interrupt->cancellation());
   const absl::Status stream_status = stream->Finish();
   ISOSCOPE_RETURN_IF_ERROR(status);

@@ -20,7 +20,8 @@
 
 namespace isoscope::cli {
 
-// Returns the flags of `render` that reproduce the frame, bit for bit.
+// Returns the flags of `render` that reproduce the frame, bit for bit. REQUIRES: it has one surface and a
+// camera; a material is that of the first look.
 std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame);
 
 // The send times of a stream's states, by sequence number. While the view moves, a frame answers an

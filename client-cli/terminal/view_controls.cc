@@ -48,7 +48,7 @@ ViewControls::ViewControls(const ViewedVolume& volume, double isovalue)
     : volume_(volume),
       first_isovalue_(isovalue),
       isovalue_step_(IsovalueStep(volume.values)),
-      camera_(view::MakeDefaultCamera(volume.bounds)),
+      camera_(volume.first_camera.value_or(view::MakeDefaultCamera(volume.bounds))),
       isovalue_(isovalue) {}
 
 void ViewControls::LookFrom(int view) {
@@ -153,11 +153,6 @@ bool ViewControls::PressCharacter(char character) {
     case '}':
       MoveIsovalue(character == '}' ? kLargeSteps : -kLargeSteps);
       return true;
-    case '0':
-    case 'r':
-      isovalue_ = first_isovalue_;
-      LookFrom(0);
-      return true;
     default:
       break;
   }
@@ -168,10 +163,14 @@ bool ViewControls::PressCharacter(char character) {
   return false;
 }
 
+ViewControls::Effect ViewControls::ResetCamera() {
+  camera_ = volume_.first_camera.value_or(view::MakeDefaultCamera(volume_.bounds));
+  return Effect::kReset;
+}
+
 ViewControls::Effect ViewControls::Press(const Key& key) {
   if (key.kind == Key::Kind::kHome) {
-    LookFrom(0);
-    return Effect::kMoved;
+    return ResetCamera();
   }
   if (key.kind != Key::Kind::kCharacter) {
     return PressArrow(key) ? Effect::kMoved : Effect::kNone;
@@ -181,6 +180,10 @@ ViewControls::Effect ViewControls::Press(const Key& key) {
   }
   if (key.character == '?') {
     return Effect::kHelp;
+  }
+  if (key.character == '0' || key.character == 'r') {
+    isovalue_ = first_isovalue_;
+    return ResetCamera();
   }
   return PressCharacter(key.character) ? Effect::kMoved : Effect::kNone;
 }

@@ -19,24 +19,29 @@ struct ViewedVolume {
   math::Box3d bounds;
   std::optional<volume::PatientFrame> patient_frame;
   volume::ScalarSpan values;  // limits of isovalues; empty if no sample is a number
+  // The camera to begin with; not set: the default one of `bounds`.
+  std::optional<view::Camera> first_camera = std::nullopt;
 };
 
 // Thread-compatible.
 class ViewControls {
  public:
-  // Begins with the default camera, as `render` and the page do.
   ViewControls(const ViewedVolume& volume, double isovalue);
 
-  enum class Effect { kNone, kMoved, kHelp, kQuit };
+  // kReset: the camera is that of the beginning.
+  enum class Effect { kNone, kMoved, kReset, kHelp, kQuit };
   Effect Press(const Key& key);
 
   [[nodiscard]] const view::Camera& camera() const { return camera_; }
+  // Takes the camera that the server has chosen. REQUIRES: it is valid.
+  void SetCamera(const view::Camera& camera) { camera_ = camera; }
   [[nodiscard]] double isovalue() const { return isovalue_; }
 
  private:
   bool PressArrow(const Key& key);
   bool PressCharacter(char character);
   void LookFrom(int view);
+  Effect ResetCamera();
   void Zoom(double factor);
   void Pan(double right, double up);
   void Roll(double radians);

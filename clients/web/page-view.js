@@ -5,7 +5,7 @@
 // @ts-check
 
 import { Client, lengthUnitOf, mount } from './isoscope-view.js';
-import { stateFromHash, tokenOfHash, withoutToken } from './view-state.js';
+import { asksFirstLook, stateFromHash, tokenOfHash, withMaterial, withoutToken } from './view-state.js';
 import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
 import { byId } from './elements.js';
@@ -97,10 +97,16 @@ export function stateOfAddress() {
 
 export const start = stateOfAddress();
 
+/**
+ * Whether the surfaces of a state are known, with their colours, also without its dataset.
+ * @param {FrameRequest} state
+ */
+export const hasColors = ({ surfaces }) => Boolean(surfaces) && !surfaces.some(needsColor) &&
+  paintedApart(surfaces).every((/** @type {any} */ one, /** @type {number} */ i) => one === surfaces[i]);
+
 export const shown = mount(byId('view', HTMLElement), { renderer,
-  // Without colours that only the dataset knows, `open` sets it later.
-  state: start.state.surfaces && !start.state.surfaces.some(needsColor) &&
-    paintedApart(start.state.surfaces).every((/** @type {any} */ one, /** @type {number} */ i) => one === start.state.surfaces[i]) ? start.state : undefined,
+  // Without colours that only the dataset knows, or a camera, `open` sets it later.
+  state: hasColors(start.state) && !asksFirstLook(start.state) ? start.state : undefined,
   maxSide: Number(query.get('max-side')) || undefined, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.
@@ -121,9 +127,13 @@ export function takeTokenAgain() {
   }
 }
 
-/** @param {FrameRequest} part @param {boolean} [isMoving] */
+/**
+ * Changes the state. New surfaces get the material of the others.
+ * @param {FrameRequest} part @param {boolean} [isMoving]
+ */
 export function change(part, isMoving = false) {
-  shown.update(part, { isMoving });
+  const material = part.surfaces && (shown.state.surfaces ?? []).find((/** @type {any} */ one) => one.material)?.material;
+  shown.update(material ? { ...part, surfaces: withMaterial(part.surfaces, material) } : part, { isMoving });
 }
 
 /** Behind a length: its unit, if it is known. */

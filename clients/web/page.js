@@ -22,13 +22,13 @@ import { allLabels, withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook, takeNotes } from './look.js';
 import { announcer, say } from './messages.js';
-import { client, drawControlsBy, redraw, shown, start, stateOfAddress, takeTokenAgain, theme } from './page-view.js';
+import { client, drawControlsBy, hasColors, redraw, shown, start, stateOfAddress, takeTokenAgain, theme } from './page-view.js';
 import { clearPoints, drawPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { listenToUndo } from './undo-controls.js';
 import { BACKGROUNDS, PALETTE, format, fromHex, paintedApart } from './values.js';
-import { stateToHash, stateToLink } from './view-state.js';
+import { asksFirstLook, stateToHash, stateToLink, withFirstLook } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -104,6 +104,20 @@ function drawDatasets() {
   page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
 }
 
+/**
+ * Takes the fit that the coordinator knows, and shows the first look of the address if that can be done without the
+ * dataset: the picture need not wait for the histogram.
+ */
+function showFirst() {
+  if (!abilities.features.includes('fit_cells')) {
+    return;
+  }
+  shown.fitKind = 'CAMERA_FIT_CELLS';
+  if (!shown.hasState && asksFirstLook(start.state) && hasColors(start.state)) {
+    shown.setState(withFirstLook(start.state, shown.fitKind));
+  }
+}
+
 let isLoading = false;
 async function loadDatasets() {
   if (isLoading) {
@@ -111,7 +125,7 @@ async function loadDatasets() {
   }
   isLoading = true;
   try {
-    const asked = loadAbilities();
+    const asked = loadAbilities().then(showFirst);
     datasets = (await client.get('v1/datasets')).datasets ?? [];
     await asked;
   } catch (error) {
@@ -167,8 +181,8 @@ function offer(state) {
 }
 
 /**
- * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, the server
- * chooses it, as for every other client.
+ * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, it is
+ * the first look, as of every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
@@ -195,8 +209,9 @@ async function open(state, problems) {
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
+  const first = asksFirstLook(state) ? withFirstLook(filled, shown.fitKind) : filled;
   // Older coordinators refuse the question.
-  shown.setState({ ...filled, ...(abilities.features.includes('notes') ? { withNotes: true } : {}) });
+  shown.setState({ ...first, ...(abilities.features.includes('notes') ? { withNotes: true } : {}) });
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -210,7 +225,7 @@ function drawViews() {
     viewsDrawn = names.join();
     page.views.replaceChildren(...names.map((name, i) => make('button', { title: `Look from the side “${name}” (key ${i + 1})`,
       'data-view': name, onclick: () => shown.lookFrom(name) }, name[0].toUpperCase() + name.slice(1))),
-    make('button', { title: 'Show all of it (key 0)', 'data-view': 'fit', onclick: () => shown.reset() }, 'Fit'));
+    make('button', { title: 'Show all of it, from here (key 0)', 'data-view': 'fit', onclick: () => shown.fit() }, 'Fit'));
   }
 }
 

@@ -1,4 +1,4 @@
-// Colour maps and effects, as the protos have them (isoscope/v1/options.proto).
+// Colour maps, effects and the first look, as the protos have them (isoscope/v1/options.proto).
 // Written by page_parameters_test, with ISOSCOPE_REGENERATE_PAGE=1. Do not edit.
 // @ts-check
 
@@ -28,3 +28,5 @@ export const EFFECTS = [
     { json: 'color', kind: 'color', initial: 'black' },
   ] },
 ];
+/** What is asked for where people ask for no camera. */
+export const FIRST_LOOK = { samples: 4, material: { diffuse: 0.78, specular: 0.1, shininess: 24 } };

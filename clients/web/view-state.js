@@ -6,7 +6,7 @@
 
 import { colorFromText } from './css-colors.js';
 import { MAX_SURFACES, areSmooth, inOrder, indexOfLabel, isOfLabels, listedLabels, textOfValues, valuesOfText, withSmooth } from './label-sets.js';
-import { COLOR_MAPS, EFFECTS } from './parameters.js';
+import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from './parameters.js';
 
 /** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
 
@@ -96,6 +96,33 @@ function colorByToWords(colorBy) {
   return `${quantity}:${colorMapFromJson(colorBy.colorMap)}${range}${opacity}`;
 }
 
+/** @type {Record<string, string>} */
+const FITS = { CAMERA_FIT_SURFACE: 'surface', CAMERA_FIT_CELLS: 'cells' };
+
+// ---- the first look ----
+
+/** @param {any} surface */
+const isSoft = ({ material }) => JSON.stringify(material) === JSON.stringify(FIRST_LOOK.material);
+/**
+ * Gives a material to surfaces that have none.
+ * @param {any[]} surfaces @param {any} material
+ */
+export const withMaterial = (surfaces, material) => surfaces.map((one) => one.material ? one : { ...one, material: { ...material } });
+/**
+ * Whether a state says nothing of the camera.
+ * @param {FrameRequest} state
+ */
+export const asksFirstLook = (state) => !state.camera && !state.cameraFit;
+/**
+ * Fills in what every client asks for where people ask for no camera. Older coordinators choose their default camera.
+ * @param {FrameRequest} state with surfaces @param {string} fitKind the fit that the view may ask for
+ * @returns {FrameRequest}
+ */
+export function withFirstLook(state, fitKind) {
+  return { ...state, samples: state.samples ?? FIRST_LOOK.samples, surfaces: withMaterial(state.surfaces, FIRST_LOOK.material),
+    ...(fitKind === 'CAMERA_FIT_CELLS' ? { cameraFit: fitKind } : {}) };
+}
+
 /**
  * The values of each flag in a state: none, one, or one for each time that the flag is given. The value '' is a flag
  * alone. Only flags of `isoscope render`: the page shows them as a command.
@@ -118,7 +145,7 @@ const FLAG_VALUES = {
   up: ({ camera }) => camera ? [vec(camera.up)] : [],
   'fov-y': ({ camera }) => camera && !camera.orthographic ? [String(camera.perspective?.fovYDegrees ?? 30)] : [],
   'orthographic-height': ({ camera }) => camera?.orthographic ? [String(camera.orthographic.height ?? 0)] : [],
-  fit: ({ cameraFit }) => cameraFit === 'CAMERA_FIT_SURFACE' ? ['surface'] : [],
+  fit: ({ cameraFit }) => FITS[cameraFit] ? [FITS[cameraFit]] : [],
   'clip-plane': ({ clip }) => (clip?.halfSpaces ?? []).map((/** @type {any} */ plane) => `${vec(plane.normal)},${plane.offset ?? 0}`),
   'clip-box': ({ clip }) => clip?.box
     ? [['x', 'y', 'z'].map((axis) => `${clip.box.min?.[axis] ?? 0},${clip.box.max?.[axis] ?? 0}`).join()] : [],
@@ -132,6 +159,7 @@ const FLAG_VALUES = {
   light: ({ lights }) => (lights ?? []).map((/** @type {any} */ { direction, intensity, color }) =>
     `${vec(direction)}:${intensity ?? 1}${color ? `:${rgb(color)}` : ''}`),
   'light-space': ({ lights }) => lights?.[0]?.space === 'SPACE_WORLD' ? ['world'] : [],
+  material: ({ surfaces }) => (surfaces ?? []).length > 0 && surfaces.every(isSoft) ? ['soft'] : [],
   samples: ({ samples }) => samples > 1 ? [String(samples)] : [],
   ...Object.fromEntries(EFFECTS.map((effect) => [effect.flag, (/** @type {FrameRequest} */ state) =>
     state[effect.json] ? [effectToWords(effect, state[effect.json])] : []])),
@@ -261,6 +289,8 @@ class Link {
    * @type {Set<number>}
    */
   listed = new Set();
+  /** Whether surfaces have the material of the first look. */
+  isSoft = false;
 
   /** @param {Record<string, any>} part of the field and time that are shown */
   select(part) {
@@ -436,7 +466,7 @@ const WORDS = {
     const height = link.numbers('orthographic-height', value, 1);
     link.camera.orthographic = height && { height: height[0] };
   },
-  fit: (link, value) => { link.state.cameraFit = value === 'surface' ? 'CAMERA_FIT_SURFACE' : undefined; },
+  fit: (link, value) => { link.state.cameraFit = Object.keys(FITS).find((fit) => FITS[fit] === value); },
   'clip-plane': (link, value) => {
     const v = link.numbers('clip-plane', value, 4);
     if (v) {
@@ -459,6 +489,13 @@ const WORDS = {
     }
   },
   'light-space': () => {},
+  material: (link, value) => {
+    if (value === 'soft') {
+      link.isSoft = true;
+    } else if (value !== 'glossy') {
+      link.refuse('material', value, 'it is glossy or soft.');
+    }
+  },
   samples: (link, value) => {
     const samples = link.numbers('samples', value, 1);
     if (samples && [1, 4, 9, 16].includes(samples[0])) {
@@ -524,6 +561,9 @@ export function stateFromHash(hash) {
       surface.colorBy = coloring;
     }
   });
+  if (state.surfaces && link.isSoft) {
+    state.surfaces = withMaterial(state.surfaces, FIRST_LOOK.material);
+  }
   for (const key of Object.keys(state)) {
     if (state[key] === undefined) {
       delete state[key];

@@ -21,6 +21,27 @@ struct IndexBox {
     return p.x >= begin.x && p.x < end.x && p.y >= begin.y && p.y < end.y && p.z >= begin.z &&
            p.z < end.z;
   }
+  [[nodiscard]] constexpr bool empty() const {
+    return begin.x >= end.x || begin.y >= end.y || begin.z >= end.z;
+  }
+  // True for an empty box, too.
+  [[nodiscard]] constexpr bool Covers(const IndexBox& box) const {
+    return box.empty() || (Contains(box.begin) && Contains(box.end - Index3{1, 1, 1}));
+  }
+  // Becomes the least box around both; an empty one adds nothing.
+  constexpr void Add(const IndexBox& box) {
+    if (box.empty()) {
+      return;
+    }
+    if (empty()) {
+      *this = box;
+      return;
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      begin[axis] = std::min(begin[axis], box.begin[axis]);
+      end[axis] = std::max(end[axis], box.end[axis]);
+    }
+  }
   friend constexpr bool operator==(const IndexBox&, const IndexBox&) = default;
 };
 

@@ -1,12 +1,15 @@
 #include "core/view/camera_fit.h"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
+#include <utility>
 
 #include "absl/status/status.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 
 namespace isoscope::view {
@@ -79,6 +82,37 @@ Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3
   return moved;
 }
 
+Camera FitToBox(const Camera& camera, const Viewport& viewport, const math::Box3d& from,
+                const math::Box3d& to) {
+  ISOSCOPE_CHECK_GT(from.Radius(), 0.0);
+  const math::Vec3d to_eye = math::Normalized(camera.eye - camera.target);
+  const math::Vec3d right = math::Normalized(math::Cross(camera.up, to_eye));
+  const math::Vec3d up = math::Cross(to_eye, right);
+  const double aspect =
+      static_cast<double>(viewport.width_px) / static_cast<double>(viewport.height_px);
+  // By which the picture's half height and half width grow with the distance; parallel: both are 1
+  // and `aspect` for a height of 2.
+  const bool is_parallel = camera.projection == Projection::kOrthographic;
+  const double slope = kTightShare * (is_parallel ? 1 : math::Tan(camera.fov_y_radians / 2));
+  double least = 0;  // distance of the eye from the middle of the box; parallel: half height
+  for (const math::Vec3d& corner : to.Corners()) {
+    const math::Vec3d offset = corner - to.Center();
+    const double extent = std::max(std::abs(math::Dot(offset, right)) / (slope * aspect),
+                                   std::abs(math::Dot(offset, up)) / slope);
+    least = std::max(least, extent + (is_parallel ? 0 : math::Dot(offset, to_eye)));
+  }
+  const double standard =
+      is_parallel ? from.Radius() : from.Radius() / math::Sin(camera.fov_y_radians / 2);
+  const double scale = least / standard;
+  Camera fitted = camera;
+  fitted.target = to.Center() + (camera.target - from.Center()) * scale;
+  // A parallel picture does not depend on the distance: it stays outside of the box.
+  const double distance_scale = is_parallel ? to.Radius() / from.Radius() : scale;
+  fitted.eye = fitted.target + (camera.eye - camera.target) * distance_scale;
+  fitted.view_height = camera.view_height * scale;
+  return fitted;
+}
+
 std::span<const NamedViewRow> NamedViewTable() { return kNamedViews; }
 
 absl::StatusOr<Camera> MakeNamedCamera(NamedView named_view, const math::Box3d& bounds,
@@ -88,6 +122,21 @@ absl::StatusOr<Camera> MakeNamedCamera(NamedView named_view, const math::Box3d& 
   const double distance = camera.eye.z - camera.target.z;
   camera.eye = camera.target + side.to_eye * distance;
   camera.up = side.up;
+  return camera;
+}
+
+Camera MakeFirstLookCamera(double azimuth_radians, double elevation_radians,
+                           const math::Box3d& bounds,
+                           const std::optional<PatientFrame>& patient_frame) {
+  if (patient_frame) {
+    absl::StatusOr<Camera> anterior = MakeNamedCamera(NamedView::kAnterior, bounds, patient_frame);
+    ISOSCOPE_CHECK(anterior.ok());
+    return *std::move(anterior);
+  }
+  Camera camera = MakeDefaultCamera(bounds);
+  Azimuth(azimuth_radians, &camera);
+  Elevation(elevation_radians, &camera);
+  OrthogonalizeUp(&camera);
   return camera;
 }
 

@@ -28,6 +28,16 @@ math::Box3d ClippedBounds(const math::Box3d& bounds, const ClipRegion& clip);
 // REQUIRES: from.Radius() > 0.
 Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3d& to);
 
+// The share of the picture that a box takes at most where a camera frames it tightly.
+inline constexpr double kTightShare = 0.95;
+
+// Returns a camera for box `to` as MoveToBox does, but tight: if `camera` has the distance of the
+// default camera of `from`, or its height, the whole box `to` is in the picture of this size, and takes
+// kTightShare of its width or of its height. Other distances and heights are scaled in proportion.
+// The camera is invalid if `to` is a point. REQUIRES: from.Radius() > 0, the camera is valid.
+Camera FitToBox(const Camera& camera, const Viewport& viewport, const math::Box3d& from,
+                const math::Box3d& to);
+
 // The sides to look from; named_views.inc has their numbers. Front is the default camera's.
 //
 //   side     eye at   up          side of the patient   eye at       up
@@ -75,6 +85,12 @@ std::span<const NamedViewRow> NamedViewTable();
 // the view is one of a patient, and there is no patient frame.
 absl::StatusOr<Camera> MakeNamedCamera(NamedView named_view, const math::Box3d& bounds,
                                        const std::optional<volume::PatientFrame>& patient_frame);
+
+// Returns the camera of a first look at `bounds`: of patients from anterior; else the default camera,
+// turned by azimuth and then elevation (Azimuth, Elevation), with `up` perpendicular to its direction.
+Camera MakeFirstLookCamera(double azimuth_radians, double elevation_radians,
+                           const math::Box3d& bounds,
+                           const std::optional<volume::PatientFrame>& patient_frame);
 
 }  // namespace isoscope::view
 

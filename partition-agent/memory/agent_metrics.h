@@ -22,6 +22,7 @@ enum class AgentMethod {
   kExtractSurface,
   kGetShardHistogram,
   kGetActiveBox,
+  kGetCellBox,
   kGetGradients,
 };
 

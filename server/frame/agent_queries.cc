@@ -7,7 +7,7 @@
 // 4. A question that is late gets a second call on the next agent.
 //
 // Calls end on gRPC's threads, which only push their end into a queue. The callers at the end of
-// this source make the questions and add their answers: histogram, active box, points.
+// this source make the questions and add their answers: histogram, active box, cell box, points.
 
 #include "server/frame/agent_queries.h"
 
@@ -322,6 +322,18 @@ QueryOutcome<T> Ask(const base::TraceContext& identity, const base::Cancellation
   return {std::move(result), std::move(report)};
 }
 
+// Fills in the surfaces of a question.
+template <typename Request>
+void AddRules(const std::vector<volume::InsideRule>& rules, Request* request) {
+  for (const volume::InsideRule& rule : rules) {
+    if (rule.has_labels()) {
+      request->add_label_sets()->mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
+    } else {
+      request->add_isovalues(rule.isovalue);
+    }
+  }
+}
+
 // Fills in a question about points. Each set of labels travels once.
 void AddPoints(const std::vector<ShownPoint>& points, const std::vector<std::string>& volume_ids,
                internal::GetGradientsRequest* request) {
@@ -409,19 +421,39 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   Questions<internal::GetActiveBoxRequest, Response> questions(1);
   questions[0].agents = AnyAgents(target);
   questions[0].request.set_dataset_id(target.dataset_id);
-  for (const volume::InsideRule& rule : rules) {
-    if (rule.has_labels()) {
-      questions[0].request.add_label_sets()->mutable_labels()->Assign(rule.labels.begin(),
-                                                                      rule.labels.end());
-    } else {
-      questions[0].request.add_isovalues(rule.isovalue);
-    }
-  }
+  AddRules(rules, &questions[0].request);
   *questions[0].request.mutable_clip() = wire::ToProto(clip);
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
                ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, wire::ActiveBoxFromProto(answer, layout));
                extent->active_block_count = answer.active_block_count();
+               return absl::OkStatus();
+             });
+}
+
+QueryOutcome<std::optional<math::IndexBox>> AskCellBox(const QueryTarget& target,
+                                                       const volume::BlockLayout& layout,
+                                                       const std::vector<volume::InsideRule>& rules,
+                                                       const view::ClipRegion& clip,
+                                                       const base::TraceContext& identity,
+                                                       const base::Cancellation& cancellation) {
+  using Response = internal::GetCellBoxResponse;
+  auto questions = QuestionsToParts<internal::GetCellBoxRequest, Response>(target);
+  for (auto& question : questions) {
+    AddRules(rules, &question.request);
+    *question.request.mutable_clip() = wire::ToProto(clip);
+  }
+  return Ask(identity, cancellation, &Async::GetCellBox, std::move(questions),
+             std::optional<math::IndexBox>(),
+             [&](std::size_t, const Response& answer,
+                 std::optional<math::IndexBox>* whole) -> absl::Status {
+               ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<math::IndexBox> part,
+                                         wire::CellBoxFromProto(answer, layout));
+               if (part.has_value()) {
+                 math::IndexBox box = whole->value_or(math::IndexBox());
+                 box.Add(*part);
+                 *whole = box;
+               }
                return absl::OkStatus();
              });
 }

@@ -24,6 +24,7 @@
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
 #include "core/view/camera_fit.h"
+#include "core/volume/patient_frame.h"
 #include "server/frame/agent_client.h"
 #include "server/frame/agent_queries.h"
 #include "wire/frame_convert.h"
@@ -110,8 +111,8 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   std::vector<FramePart> parts =
       state_.replicas.Choose(dataset.replica_sets, ReplicaKeyOf(id, frame::RulesOf(spec)));
-  ISOSCOPE_RETURN_IF_ERROR(
-      PlaceCamera(identity, {id, parts, state_.NextTurn()}, geometry, layout, asked));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(identity, {id, parts, state_.NextTurn()}, dataset.dataset,
+                                       geometry, layout, asked));
   ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
                             view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
   ISOSCOPE_RETURN_IF_ERROR(
@@ -125,21 +126,63 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
 }
 
 absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
+                                      const isoscope::v1::Dataset& dataset,
                                       const volume::GridGeometry& geometry,
                                       const volume::BlockLayout& layout, AskedFrame* asked) {
+  const auto bounds_of = [&](const math::IndexBox& cells) {
+    return view::ClippedBounds(view::BoundsOfCells(geometry, cells), asked->spec.clip);
+  };
+  if (asked->fit == isoscope::v1::CAMERA_FIT_CELLS) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const CellBoxCache::CellBox cells,
+                              FindCellBox(identity, query, dataset.shard_count(), layout, *asked));
+    std::optional<volume::PatientFrame> patient_frame;
+    if (!dataset.patient_frame().empty()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(patient_frame,
+                                volume::PatientFrame::FromName(dataset.patient_frame()));
+    }
+    return wire::ResolveCellsCamera(
+        geometry.Bounds(),
+        cells.has_value() ? std::optional<math::Box3d>(bounds_of(*cells)) : std::nullopt,
+        patient_frame, asked->fit_viewport, &asked->spec);
+  }
   std::optional<math::Box3d> surface_bounds;
-  if (asked->fits_surface) {
+  if (asked->fit == isoscope::v1::CAMERA_FIT_SURFACE) {
     const QueryOutcome<ActiveExtent> outcome =
         AskActiveBox(query, layout, frame::RulesOf(asked->spec), asked->spec.clip,
                      *identity.request, *identity.cancellation);
     state_.ReportQuery(*identity.request, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->cells.has_value()) {
-      surface_bounds = view::ClippedBounds(view::BoundsOfCells(geometry, *outcome.result->cells),
-                                           asked->spec.clip);
+      surface_bounds = bounds_of(*outcome.result->cells);
     }
   }
   return wire::ResolveCamera(geometry.Bounds(), &asked->spec, surface_bounds);
+}
+
+absl::StatusOr<CellBoxCache::CellBox> FrameRunner::FindCellBox(const FrameIdentity& identity,
+                                                               const QueryTarget& query,
+                                                               int shard_count,
+                                                               const volume::BlockLayout& layout,
+                                                               const AskedFrame& asked) {
+  const std::vector<volume::InsideRule> rules = frame::RulesOf(asked.spec);
+  const view::ClipRegion& clip = asked.spec.clip;
+  const std::string key = CellBoxCache::KeyOf(query.dataset_id, rules, clip);
+  if (const std::shared_ptr<const CellBoxCache::CellBox> known = cell_boxes_.Find(key)) {
+    return *known;
+  }
+  QueryOutcome<CellBoxCache::CellBox> outcome =
+      AskCellBox(query, layout, rules, clip, *identity.request, *identity.cancellation);
+  state_.ReportQuery(*identity.request, outcome.report);
+  const absl::Status& status = outcome.result.status();
+  if (asked.allow_partial && (absl::IsUnavailable(status) || absl::IsDataLoss(status) ||
+                              absl::IsFailedPrecondition(status))) {
+    return std::nullopt;  // the picture will lack the shards of that agent
+  }
+  // Without some shards the box is that of the others.
+  if (status.ok() && MissingShards(shard_count, query.parts).empty()) {
+    cell_boxes_.Insert(key, *outcome.result);
+  }
+  return std::move(outcome.result);
 }
 
 // One try of a frame with some parts: begins them on agents, and records the agents' success.

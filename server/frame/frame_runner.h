@@ -14,12 +14,14 @@
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "core/view/view.h"
+#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/frame_part.h"
 #include "server/cluster/series_state.h"
 #include "server/frame/active_blocks.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/agent_room.h"
+#include "server/frame/cell_boxes.h"
 #include "server/frame/coordinator_state.h"
 #include "server/frame/drawn_blocks.h"
 #include "server/frame/frame_coordinator.h"
@@ -84,20 +86,28 @@ class FrameRunner {
   [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
+    cell_boxes_.AppendSamples(&families->back());
   }
 
  private:
   class Attempt;
   absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked);
-  // Resolves the camera of the frame. Asks an agent for the box of the surface if the camera fits
-  // it.
+  // Resolves the camera of the frame. Asks agents for the box of the surface if the camera fits it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
+                           const isoscope::v1::Dataset& dataset,
                            const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                            AskedFrame* asked);
+  // Returns the box of the active cells, from the cache or from the agents. With allow_partial an agent
+  // that can't answer leaves it unset.
+  absl::StatusOr<CellBoxCache::CellBox> FindCellBox(const FrameIdentity& identity,
+                                                    const QueryTarget& query, int shard_count,
+                                                    const volume::BlockLayout& layout,
+                                                    const AskedFrame& asked);
 
   CoordinatorState& state_;
   ActiveBlocksCache active_blocks_;
   AgentRoom agent_room_;
+  CellBoxCache cell_boxes_;
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

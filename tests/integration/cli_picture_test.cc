@@ -164,8 +164,9 @@ TEST_F(CliTest, TheOutputDashIsThePictureOnStandardOutput) {
 
 TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
   ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
-  const std::vector<std::string> base{"render", Path("d"),  "--isovalue", kIsovalue,    "--width",
-                                      "80",     "--height", "80",         "--renderer", "cpu"};
+  const std::vector<std::string> base{"render",     Path("d"), "--isovalue", kIsovalue,
+                                      "--width",    "80",      "--height",   "80",
+                                      "--renderer", "cpu",     "--view",     "front"};
   const std::string out = MustRun(
       Join(base, {"--output", Path("f%d.png"), "--repeat", "3", "--orbit", "30", "--stats", "-"}));
   EXPECT_EQ(ParseJson(out).at("frames").size(), 3U);
@@ -196,7 +197,7 @@ TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
   EXPECT_EQ(ReadFile(Path("last.png")), ReadFile(Path("f2.png")));
 }
 
-TEST_F(CliTest, DefaultCameraIsThatOfVtk) {
+TEST_F(CliTest, TheFrontIsTheDefaultCameraOfVtk) {
   testing::TestVolume volume = gyroid_;
   volume.geometry.spacing = {1, 2, 0.5};
   volume.geometry.origin = {100, -50, 7};
@@ -207,8 +208,9 @@ TEST_F(CliTest, DefaultCameraIsThatOfVtk) {
   const auto triple = [](const math::Vec3d& v) {
     return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z);
   };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage by_default,
-                                image::DecodePng(Render({Path("d"), "--renderer", "cpu"})));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const image::RgbaImage by_default,
+      image::DecodePng(Render({Path("d"), "--renderer", "cpu", "--view", "front"})));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const image::RgbaImage explicitly,
       image::DecodePng(Render({Path("d"), "--renderer", "cpu", "--eye",
@@ -234,6 +236,8 @@ TEST_F(CliTest, FittedAndSavedCamerasAreTheSameForAnyShardsAndMakeThePictureAgai
   const std::string whole = Render({Path("one"), "--renderer", "cpu"});
   for (const std::vector<std::string>& flags : std::vector<std::vector<std::string>>{
            {"--fit", "surface"},
+           {"--fit", "cells"},
+           {"--fit", "cells", "--view", "left", "--zoom", "1.5"},
            {"--fit", "surface", "--view", "top", "--azimuth", "20", "--zoom", "1.2"},
            {"--view", "left"}}) {
     SCOPED_TRACE(::testing::PrintToString(flags));
@@ -259,8 +263,9 @@ TEST_F(CliTest, FittedAndSavedCamerasAreTheSameForAnyShardsAndMakeThePictureAgai
     const json camera = ParseJson(ReadFile(Path("c.json")));
     return camera.at("eye").at(2).get<double>() - camera.at("target").at(2).get<double>();
   };
-  EXPECT_LT(distance_of({"--fit", "surface"}), 0.75 * distance_of({}));
-  EXPECT_EQ(distance_of({"--fit", "volume"}), distance_of({}));
+  EXPECT_LT(distance_of({"--fit", "surface"}), 0.75 * distance_of({"--view", "front"}));
+  EXPECT_EQ(distance_of({"--fit", "volume"}), distance_of({"--view", "front"}));
+  EXPECT_LT(distance_of({"--fit", "cells"}), distance_of({"--fit", "surface"}));
   EXPECT_EQ(distance_of({"--fit", "surface", "--clip-box", "0,99,0,99,0,99"}),
             distance_of({"--fit", "surface"}));
   EXPECT_NEAR(distance_of({"--fit", "surface", "--clip-box", "22,26,17,21,18,22"}) /
@@ -272,8 +277,80 @@ TEST_F(CliTest, FittedAndSavedCamerasAreTheSameForAnyShardsAndMakeThePictureAgai
       {"render", Path("one"), "--isovalue", "300", "--fit", "surface", "--width", "160", "--height",
        "120", "--renderer", "cpu", "--output", Path("e.png"), "--save-camera", Path("e.json")});
   EXPECT_EQ(empty.exit_code, 0) << empty.err;
-  distance_of({});
+  distance_of({"--view", "front"});
   EXPECT_EQ(ReadFile(Path("e.json")), ReadFile(Path("c.json")));
+}
+
+// Blocks of another size, shards, the file itself, a cluster; and the flags that make it again.
+TEST_F(CliTest, TheFirstLookIsTheSameForAnyCutAndHasFlagsOfItsOwn) {
+  const testing::TestVolume ball = testing::BallVolume({50, 46, 42}, 0.3);
+  ASSERT_NO_FATAL_FAILURE(Partition(ball, "three", 3));
+  ISOSCOPE_ASSERT_OK(testing::MakeDataset(ball, Path("other"), 2, 5));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                testing::ProcessCluster::Start(Path("three"), 3));
+  const std::vector<std::string> saved{"--save-camera", Path("c.json")};
+  const std::string png = Render(Join({Path("three"), "--renderer", "cpu"}, saved));
+  const std::string camera = ReadFile(Path("c.json"));
+  for (const std::vector<std::string>& input : std::vector<std::vector<std::string>>{
+           {Path("other"), "--renderer", "cpu"},
+           Join({Path("volume.raw"), "--renderer", "cpu"}, testing::RawFlags(ball)),
+           {"--server", cluster->address()}}) {
+    EXPECT_TRUE(Render(Join(input, saved)) == png) << input[0];
+    EXPECT_EQ(ReadFile(Path("c.json")), camera) << input[0];
+  }
+  const std::vector<std::string> cpu{Path("three"), "--renderer", "cpu"};
+  EXPECT_TRUE(Render(Join(cpu, {"--camera", Path("c.json"), "--samples", "4", "--material",
+                                "soft"})) == png);
+  EXPECT_FALSE(Render(Join(cpu, {"--camera", Path("c.json")})) == png);
+  EXPECT_FALSE(Render(Join(cpu, {"--samples", "1"})) == png) << "a given flag counts";
+  EXPECT_FALSE(Render(Join(cpu, {"--material", "glossy"})) == png);
+
+  // No pixel of the ball is burnt out where it faces the eye.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage soft,
+                                image::DecodePng(Render(Join(cpu, {"--color", "1,1,0.5"}))));
+  const auto burnt = std::count_if(soft.pixels.begin(), soft.pixels.end(),
+                                   [](const image::Rgba8& p) { return p.b > 160; });
+  EXPECT_EQ(burnt, 0) << "white was added";
+  // The ball is as high as the picture, but for the margins.
+  int first_row = soft.height;
+  int last_row = 0;
+  for (int y = 0; y < soft.height; ++y) {
+    for (int x = 0; x < soft.width; ++x) {
+      if (soft.pixels[static_cast<std::size_t>(y * soft.width + x)].r > 0) {
+        first_row = std::min(first_row, y);
+        last_row = y;
+      }
+    }
+  }
+  EXPECT_GT(first_row, 0);
+  EXPECT_LT(last_row, soft.height - 1);
+  EXPECT_GT(last_row - first_row, soft.height / 2);
+
+  // A pick means the pixels of this picture.
+  const auto depth_of = [&](const std::vector<std::string>& flags) {
+    return ParseJson(MustRun(Join(Join({"pick", "--isovalue", kIsovalue, "--width", "160",
+                                        "--height", "120", "--pixel", "80,60", "--json"},
+                                       cpu),
+                                  flags),
+                             Options()))
+        .at("points")
+        .at(0)
+        .at("depth");
+  };
+  EXPECT_EQ(depth_of({}), depth_of({"--camera", Path("c.json")}));
+
+  // Without a surface: the volume.
+  MustRun({"render", Path("three"), "--isovalue", "300", "--width", "160", "--height", "120",
+           "--renderer", "cpu", "--output", Path("e.png"), "--save-camera", Path("e.json")},
+          Options());
+  const json empty = ParseJson(ReadFile(Path("e.json")));
+  EXPECT_EQ(empty.at("target").at(0).get<double>(), 24.5);
+  // A film has one camera that shows all frames: that of the volume.
+  MustRun(Join({"render", "--isovalue", "128", "--repeat", "2", "--orbit", "90", "--output",
+                Path("o.png"), "--width", "160", "--height", "120"},
+               Join(cpu, saved)),
+          Options());
+  EXPECT_EQ(ParseJson(ReadFile(Path("c.json"))).at("target"), empty.at("target"));
 }
 
 TEST_F(CliTest, ViewsOfAPatientFollowTheFrameOfTheFile) {
@@ -300,6 +377,12 @@ TEST_F(CliTest, ViewsOfAPatientFollowTheFrameOfTheFile) {
   EXPECT_GT(camera_of("lps.nrrd", "left").at("eye").at(0).get<double>(), 30);
   EXPECT_LT(camera_of("plain.nrrd", "left").at("eye").at(0).get<double>(), 0);
   EXPECT_EQ(camera_of("lps.nrrd", "front"), camera_of("plain.nrrd", "front"));
+  // The first look: from anterior, with superior up.
+  Render({Path("lps.nrrd"), "--renderer", "cpu", "--save-camera", Path("c.json")});
+  const json first = ParseJson(ReadFile(Path("c.json")));
+  EXPECT_LT(first.at("eye").at(1), first.at("target").at(1));
+  EXPECT_EQ(first.at("eye").at(0), first.at("target").at(0));
+  EXPECT_EQ(first.at("up"), json({0.0, 0.0, 1.0}));
   const CommandResult refused = RunIsoscope({"render", Path("plain.nrrd"), "--isovalue", "128",
                                              "--view", "anterior", "--output", Path("p.png")},
                                             Options());

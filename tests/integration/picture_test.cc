@@ -249,7 +249,8 @@ std::vector<image::RgbaImage> FramesOfApng(const std::string& apng) {
 
 TEST_F(PictureTest, SweepIsTheSinglePicturesNumberedOrAsAnAnimation) {
   const std::vector<std::string> view =
-      Join(Cpu("one"), {"--width", "90", "--height", "70", "--background", "0,0,0,0"});
+      Join(Cpu("one"),
+           {"--width", "90", "--height", "70", "--background", "0,0,0,0", "--view", "front"});
   const CommandResult numbered =
       Render(Join(view, {"--output", Path("s-%d.png"), "--isovalue", "90:150:30"}));
   ASSERT_EQ(numbered.exit_code, 0) << numbered.err;

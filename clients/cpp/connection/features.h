@@ -3,6 +3,9 @@
 #ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_FEATURES_H_
 #define ISOSCOPE_CLIENTS_CPP_CONNECTION_FEATURES_H_
 
+#include <set>
+#include <string>
+
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
@@ -10,6 +13,11 @@
 namespace isoscope::client {
 
 class ServiceClient;
+
+// What a server can do beyond its first version.
+using Features = std::set<std::string>;
+// Errors of ServiceClient::GetCapabilities.
+absl::StatusOr<Features> FeaturesOf(absl::Duration timeout, ServiceClient* client);
 
 // Returns false if the server is older than the feature; proto/README.md lists them. Errors of
 // ServiceClient::GetCapabilities.

@@ -28,7 +28,7 @@ absl::StatusOr<double> ParseFieldOfView(absl::string_view text) {
 }  // namespace
 
 void AddCameraFlags(cli::FlagSet* set, CameraFlags* flags) {
-  const std::string group = "Camera (default: sees the whole volume along -z, +y up)";
+  const std::string group = "Camera (default: the first look, as of the page)";
   const auto add = [&](cli::Flag flag) { flag.Group(group); };
   add(cli::AddFlag(set, "--eye", "X,Y,Z", &flags->eye, ParseVector,
                    "position of the eye, world space"));

@@ -132,8 +132,10 @@ int EffectFlags::max_region_side_px() const {
 
 void AddEffectFlags(cli::FlagSet* set, EffectFlags* flags) {
   const std::string group = "Effects";
-  cli::AddFlag(set, "--samples", "1|4|9|16", &flags->samples, ParseSamples,
-               "smooth edges: each pixel is the mean of this many samples (default: 1)")
+  cli::AddFlag(
+      set, "--samples", "1|4|9|16", &flags->samples, ParseSamples,
+      "smooth edges: each pixel is the mean of this many samples (default: 1 if a flag of the "
+      "camera is given, else 4)")
       .Group(group);
   const Descriptor& request = *v1::RenderIsosurfaceRequest::descriptor();
   for (int i = 0; i < request.field_count(); ++i) {

@@ -2,6 +2,7 @@
 //
 //   --light      X,Y,Z[:INTENSITY[:R,G,B]]                       up to four, in one space
 //   --color-by   QUANTITY[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]      for all surfaces, or for each
+//   --material   glossy or soft                                  of all surfaces
 //   --nan-color  COLOR                                           needs a map over samples
 //   --caps       "" or MAP[:MIN,MAX]                             needs a clip region
 //
@@ -29,6 +30,7 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "wire/first_look.h"
 #include "wire/frame_convert.h"
 #include "wire/surface_convert.h"
 
@@ -87,6 +89,11 @@ absl::Status NoQuantity(absl::string_view text) {
 absl::StatusOr<Light::Space> ParseSpace(absl::string_view text) {
   return ParseChoice<Light::Space>(
       text, {{"view", Light::Space::kView}, {"world", Light::Space::kWorld}});
+}
+
+absl::StatusOr<MaterialChoice> ParseMaterial(absl::string_view text) {
+  return ParseChoice<MaterialChoice>(
+      text, {{"glossy", MaterialChoice::kGlossy}, {"soft", MaterialChoice::kSoft}});
 }
 
 absl::StatusOr<std::pair<float, float>> ParseOpacities(absl::string_view text) {
@@ -246,6 +253,10 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
   cli::AddFlag(set, "--light-space", "view|world", &flags->light_space, ParseSpace,
                "the space of all lights: view (default; x right, y up, z to the eye) or world")
       .Group(group);
+  cli::AddFlag(set, "--material", "glossy|soft", &flags->material, ParseMaterial,
+               "how surfaces reflect the light: glossy, with a white highlight where they face the "
+               "eye (the default if a flag of the camera is given), or soft, which keeps colours")
+      .Group(group);
   cli::AddRepeatableFlag(
       set, "--color-by",
       "x|y|z|gradient|normal|none|FIELD[:COMPONENT][:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
@@ -306,6 +317,10 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
   }
   if (flags.nan_color) {
     *request->mutable_nan_color() = ToProto(*flags.nan_color);
+  }
+  if (flags.material == MaterialChoice::kSoft) {
+    PromoteIsovalue(request);
+    wire::AddFirstMaterial(request);
   }
   if (flags.color_by.empty()) {
     return;

@@ -40,12 +40,19 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text);
 // Parses "" or "MAP[:MIN,MAX]": caps with the surface's colour, or with the samples.
 absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text);
 
+// How surfaces reflect the light of the eye.
+enum class MaterialChoice {
+  kGlossy,  // as the server's default: a white highlight where they face the eye
+  kSoft,    // that of the first look, which burns no colour out
+};
+
 struct LookFlags {
   std::vector<frame::Light> lights = {};
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
   // One value for all surfaces, or one for each.
   std::vector<ColorByValue> color_by = {};
   std::optional<frame::Color> nan_color = std::nullopt;  // of missing values
+  std::optional<MaterialChoice> material = std::nullopt;
 };
 
 // `flags` must outlive the parsing.
@@ -56,7 +63,8 @@ absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count, bool 
 // INVALID_ARGUMENT if a surface is to be coloured by a field, and the dataset has none.
 absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Dataset& dataset);
 
-// Adds the flags to a request. If its single isovalue is to be coloured, it becomes a surface.
+// Adds the flags to a request. If its single isovalue is to be coloured, or gets a material, it becomes
+// a surface.
 // REQUIRES: CheckUsage is OK.
 void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
 

@@ -11,7 +11,9 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "core/math/box.h"
 #include "core/volume/patient_frame.h"
+#include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::client {
@@ -35,8 +37,9 @@ absl::StatusOr<NamedView> ParseView(absl::string_view text) {
 }
 
 absl::StatusOr<v1::CameraFit> ParseFit(absl::string_view text) {
-  return ParseChoice<v1::CameraFit>(
-      text, {{"volume", v1::CAMERA_FIT_VOLUME}, {"surface", v1::CAMERA_FIT_SURFACE}});
+  return ParseChoice<v1::CameraFit>(text, {{"volume", v1::CAMERA_FIT_VOLUME},
+                                           {"surface", v1::CAMERA_FIT_SURFACE},
+                                           {"cells", v1::CAMERA_FIT_CELLS}});
 }
 
 // Returns the first flag that places or rotates the eye; null if there is none.
@@ -54,20 +57,43 @@ const char* FirstTurned(const CameraFlags& camera) {
                                     : nullptr;
 }
 
+// Where a volume lies.
+struct Place {
+  math::Box3d bounds;
+  std::optional<volume::PatientFrame> patient_frame;
+};
+
+absl::StatusOr<Place> PlaceOf(const v1::Dataset& dataset) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+  Place place{.bounds = geometry.Bounds(), .patient_frame = std::nullopt};
+  if (!dataset.patient_frame().empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(place.patient_frame,
+                              volume::PatientFrame::FromName(dataset.patient_frame()));
+  }
+  return place;
+}
+
+const char* NameOfFit(const ViewFlags& flags) {
+  return flags.fit == v1::CAMERA_FIT_CELLS ? "--fit cells" : "--fit surface";
+}
+
 }  // namespace
 
 void AddNamedViewFlags(cli::FlagSet* set, ViewFlags* flags) {
   const auto add = [&](cli::Flag flag) { flag.Group(kGroup); };
   add(cli::AddFlag(
       set, "--view", "NAME", &flags->view, ParseView,
-      "look from a side: front (the default: from +z, +y up), back, left (-x), right (+x), "
+      "look from a side: front (from +z, +y up; the default if another flag of the camera is "
+      "given), back, left (-x), right (+x), "
       "top (+y), bottom; where the patient is known (NIfTI, DICOM, NRRD with a space): "
       "anterior, posterior, superior, inferior, and left and right are the patient's; "
       "--azimuth, --elevation, --zoom turn on from there"));
   add(cli::AddFlag(
-      set, "--fit", "volume|surface", &flags->fit, ParseFit,
-      "what the picture frames: the whole volume (default), or the blocks that the surface "
-      "meets, where nothing clips them"));
+      set, "--fit", "volume|surface|cells", &flags->fit, ParseFit,
+      "what the picture frames: the whole volume (the default if another flag of the camera is "
+      "given), the blocks that the surface meets, where nothing clips them, or its cells, tightly, "
+      "however the volume is cut"));
 }
 
 void AddViewFlags(cli::FlagSet* set, ViewFlags* flags) {
@@ -85,11 +111,11 @@ absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera) {
   const char* other = placed != nullptr      ? placed
                       : turned != nullptr    ? turned
                       : flags.view           ? "--view"
-                      : flags.fits_surface() ? "--fit surface"
+                      : flags.fits_surface() ? NameOfFit(flags)
                                              : nullptr;
   if (camera.orthographic_height && (flags.camera_file || flags.fits_surface())) {
     return cli::UsageError(absl::StrCat("--orthographic-height can't be used with ",
-                                        flags.camera_file ? "--camera" : "--fit surface",
+                                        flags.camera_file ? "--camera" : NameOfFit(flags),
                                         ", which sets the height of the view"));
   }
   if (flags.camera_file && other != nullptr) {
@@ -98,11 +124,16 @@ absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera) {
   }
   if (placed != nullptr && (flags.view || flags.fits_surface())) {
     return cli::UsageError(
-        absl::StrCat(placed, " can't be used with ", flags.view ? "--view" : "--fit surface",
+        absl::StrCat(placed, " can't be used with ", flags.view ? "--view" : NameOfFit(flags),
                      ", which places the camera; --azimuth, --elevation and --zoom "
                      "can"));
   }
   return absl::OkStatus();
+}
+
+bool HasCamera(const ViewFlags& flags, const CameraFlags& camera) {
+  return flags.view || flags.fit || flags.camera_file || FirstPlaced(camera) != nullptr ||
+         FirstTurned(camera) != nullptr || camera.orthographic_height;
 }
 
 absl::StatusOr<v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags& camera,
@@ -110,18 +141,17 @@ absl::StatusOr<v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags
   if (flags.camera_file) {
     return ReadCameraFile(*flags.camera_file);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-  std::optional<volume::PatientFrame> patient_frame;
-  if (!dataset.patient_frame().empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(patient_frame,
-                              volume::PatientFrame::FromName(dataset.patient_frame()));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const Place place, PlaceOf(dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera start,
                             view::MakeNamedCamera(flags.view.value_or(NamedView::kFront),
-                                                  geometry.Bounds(), patient_frame));
+                                                  place.bounds, place.patient_frame));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera resolved, ResolveCamera(camera, start));
   return wire::ToProto(resolved);
+}
+
+absl::StatusOr<v1::Camera> FirstLookCamera(const v1::Dataset& dataset) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Place place, PlaceOf(dataset));
+  return wire::ToProto(wire::FirstLookCamera(place.bounds, place.patient_frame));
 }
 
 }  // namespace isoscope::client

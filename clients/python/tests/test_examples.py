@@ -45,13 +45,13 @@ def check_endpoint(command, cwd, port, dataset, environment=None):
                 time.sleep(0.1)
         base = f"http://127.0.0.1:{port}"
         status, body = get(f"{base}/shells.png?isovalue=127.5&width=120&height=90")
-        assert status == 200 and body == dataset.render(127.5, size=(120, 90)).png
+        assert status == 200 and body == dataset.render(127.5, view="front", size=(120, 90)).png
         status, body = get(f"{base}/head.png?isovalue=1")
         assert status == 404 and b'there are: "shells"' in body
         status, body = get(f"{base}/shells.png?isovalue=1&width=0")
         assert status == 400 and b"viewport.width_px is 0" in body
         status, body = get(f"{base}/shells.png?isovalue=127.5&width=1400&height=1200")
-        assert status == 200 and body == dataset.render(127.5, size=(1400, 1200)).png
+        assert status == 200 and body == dataset.render(127.5, view="front", size=(1400, 1200)).png
     finally:
         process.terminate()
         process.wait(20)

@@ -209,6 +209,52 @@ def test_wrong_arguments_are_named_before_anything_is_sent(look, words):
         _request.frame(info(), isovalue, **look)
 
 
+def features(*names):
+    return isoscope.Capabilities("1", 1, 1, 1, 1, 1.0, features=frozenset(names))
+
+
+def test_without_anything_of_the_camera_the_server_places_it_if_it_can():
+    request = _request.frame(info(), 1, capabilities=features("fit_cells"))
+    assert not request.HasField("camera") and request.camera_fit == _messages.FITS["cells"]
+    # An older server refuses the fit: the client has the same direction, for the volume.
+    look = _messages.FIRST_LOOK
+    for capabilities in (None, features()):
+        request = _request.frame(info(), 1, capabilities=capabilities)
+        assert request.camera_fit == _messages.FITS["volume"]
+        turned = info().camera("front", look.azimuth_degrees, look.elevation_degrees)
+        assert request.camera == _messages.camera_message(turned)
+    patient = info(patient_frame="LPS")
+    assert _request.frame(patient, 1).camera == _messages.camera_message(patient.camera("anterior"))
+
+
+@pytest.mark.parametrize("given", [{"azimuth": 0}, {"elevation": 0}, {"zoom": 1}, {"view": "front"}, {"fit": "volume"}])
+def test_with_anything_of_the_camera_it_begins_at_the_front(given):
+    request = _request.frame(info(), 1, capabilities=features("fit_cells"), **given)
+    assert request.camera == _messages.camera_message(info().camera())
+    assert request.camera_fit == _messages.FITS["volume"]
+    assert not _request.asks_first_look(**given)
+
+
+def test_the_first_look_fills_in_what_is_not_given():
+    look = _messages.FIRST_LOOK
+    own = isoscope.Material(specular=0.5)
+    request = _request.frame(info(), None, surfaces=[1, isoscope.Surface(2, material=own)])
+    _request.set_first_look(request)
+    assert request.samples == look.samples
+    first, second = (surface.material for surface in request.surfaces)
+    assert (first.diffuse, first.specular, first.shininess) == (look.diffuse, look.specular, look.shininess)
+    # With the default ambient share they add up to 1: no colour is burnt out.
+    assert abs(0.12 + look.diffuse + look.specular - 1) < 1e-6
+    assert second.HasField("specular") and not second.HasField("diffuse")
+    plain = _request.frame(info(), 1, size=(5000, 4096))
+    _request.set_first_look(plain)
+    assert plain.samples == 0 and plain.surfaces[0].isovalue == 1 and plain.isovalue == 0
+    sampled = _request.frame(info(), 1)
+    sampled.samples = 1
+    _request.set_first_look(sampled)
+    assert sampled.samples == 1
+
+
 def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field():
     limits = dict(version="1", max_viewport=1, max_concurrent_frames=1, max_queued_frames=1, max_message_bytes=1,
                   max_frame_seconds=1.0)  # fmt: skip

@@ -89,7 +89,7 @@ def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(
 
 
 def test_the_suggested_isovalue_is_the_default(dataset):
-    assert dataset.view(size=(32, 32)).state["isovalue"] == dataset.suggestions()[0].isovalue
+    assert dataset.view(size=(32, 32)).state["surfaces"][0]["isovalue"] == dataset.suggestions()[0].isovalue
 
 
 def test_the_gateway_is_the_one_that_the_server_names(client, dataset, monkeypatch, module):
@@ -198,7 +198,7 @@ def test_a_view_of_nothing_warns_and_names_the_range(dataset):
 def test_the_state_can_be_set_and_is_checked(dataset):
     view = dataset.view(127.5, size=(64, 64))
     view.state = {"dataset": "shells", "isovalue": 60}
-    assert view.snapshot().png == dataset.render(60, size=64).png
+    assert view.snapshot().png == dataset.render(60, view="front", size=64).png
     with pytest.raises(InvalidArgumentError, match="isovalues"):
         view.state = {"isovalues": 3}
 
@@ -247,7 +247,7 @@ def test_frames_come_through_the_kernel_where_the_browser_asks_for_it(client, an
         view.widget.receive({"type": "isoscope/interact", "text": '{"frameShown": {"frameNumber": "1"}}'})
         view.widget.receive({"type": "isoscope/interact", "text": '{"viewState": {"unknown": 1}}'})
         assert "unknown" in view.widget.frame()[0]["error"]["message"]
-        view.widget.receive(state_message(6, {**frame, "isovalue": 60}))
+        view.widget.receive(state_message(6, {**frame, "surfaces": [{**frame["surfaces"][0], "isovalue": 60}]}))
         assert view.widget.frame()[1] == dataset.render(60, size=(64, 48)).png
         view.widget.receive({"type": "isoscope/close"})
         view.widget.receive(state_message(7, frame))

@@ -32,7 +32,9 @@ export function pressKey(event, steering, view) {
     move(turn(camera, 0, 0, (key === ',' ? 5 : -5) * Math.PI / 180));
   } else if (key === '+' || key === '=' || key === '-') {
     move(steering.zoomed(camera, key === '-' ? 1 / 1.15 : 1.15, camera.target));
-  } else if (key === '0' || key === 'Home') {
+  } else if (key === '0') {
+    view.fit();
+  } else if (key === 'Home') {
     view.reset();
   } else if (key >= '1' && key <= '6') {
     view.lookFrom((view.dataset?.patientFrame ? PATIENT_VIEWS : WORLD_VIEWS)[Number(key) - 1]);

@@ -10,7 +10,9 @@ import { cameraFromJson, cameraToJson } from './camera.js';
 /** @typedef {import('./types.js').DatasetJson} DatasetJson */
 /** @typedef {import('./types.js').FrameRequest} FrameRequest */
 
-const FIT = 'CAMERA_FIT_SURFACE';
+/** The box of blocks is larger than what is seen of the surface: the view fills itself. */
+const LOOSE_FIT = 'CAMERA_FIT_SURFACE';
+const FITS = [LOOSE_FIT, 'CAMERA_FIT_CELLS'];
 
 export class Model {
   /** @type {FrameRequest} */
@@ -55,7 +57,7 @@ export class Model {
     }
     this.state = state;
     this.isSet = true;
-    if (camera && state.cameraFit !== FIT) {
+    if (camera && !FITS.includes(state.cameraFit)) {
       this.camera = camera;
       this.cameraFrom = 0;
     } else {
@@ -85,13 +87,13 @@ export class Model {
   /**
    * Takes the camera of an answer, if it is the server's choice.
    * @param {Camera} camera @param {number} sequence of the state that is answered
-   * @returns {{isFitted: boolean} | null} whether the server fitted it; null if it is not taken
+   * @returns {{isFitted: boolean} | null} whether the server fitted it loosely; null if it is not taken
    */
   takeCamera(camera, sequence) {
     if (this.camera && !(this.cameraFrom && sequence >= this.cameraFrom)) {
       return null;
     }
-    const isFitted = this.state.cameraFit === FIT;
+    const isFitted = this.state.cameraFit === LOOSE_FIT;
     this.move(camera);
     return { isFitted };
   }

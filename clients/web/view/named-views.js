@@ -24,6 +24,18 @@ export function defaultCamera(box) {
 }
 
 /**
+ * Returns a camera that frames the whole box, with direction, up, angle and projection of another.
+ * @param {Camera} camera @param {Box} box @returns {Camera}
+ */
+export function framedAgain(camera, box) {
+  const radius = length(sub(box.max, box.min)) / 2 || 0.5;
+  const target = scale(add(box.min, box.max), 0.5);
+  const toEye = sub(camera.eye, camera.target);
+  const distance = radius / Math.sin(camera.fovYDegrees * Math.PI / 360);
+  return { ...camera, eye: add(target, scale(toEye, distance / length(toEye))), target, height: camera.height > 0 ? 2 * radius : 0 };
+}
+
+/**
  * Returns the unit vector that points to a side of the patient: one of L R P A S I.
  * @param {string} frame such as "LPS" @param {string} side @returns {Vec3}
  */

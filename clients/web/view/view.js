@@ -4,7 +4,7 @@
 import { cameraToJson } from './camera.js';
 import { pressKey } from './keyboard.js';
 import { Loop } from './loop.js';
-import { boxOfDataset, namedCamera } from './named-views.js';
+import { boxOfDataset, framedAgain, namedCamera } from './named-views.js';
 import { Pointer } from './pointer.js';
 import { Steering } from './steering.js';
 
@@ -26,6 +26,8 @@ export class View extends EventTarget {
   constructor(element, options = {}) {
     super();
     this.options = options;
+    /** What `lookFrom`, `fit` and `reset` frame: older coordinators refuse 'CAMERA_FIT_CELLS'. */
+    this.fitKind = 'CAMERA_FIT_SURFACE';
     /** @param {string} type @param {any} detail */
     const emit = (type, detail) => this.dispatchEvent(new CustomEvent(type, { detail, cancelable: true }));
     /** The inside, for the page and for tests. */
@@ -131,13 +133,24 @@ export class View extends EventTarget {
     if (!camera) {
       return false;
     }
-    this.update({ camera: cameraToJson(camera), cameraFit: 'CAMERA_FIT_SURFACE' });
+    this.update({ camera: cameraToJson(camera), cameraFit: this.fitKind });
     return true;
   }
 
-  /** Lets the server choose the camera again. */
+  /** Views the surface from the present direction, as large as it fits. */
+  fit() {
+    const box = boxOfDataset(this.dataset);
+    const camera = box && this.camera && framedAgain(this.camera, box);
+    if (camera) {
+      this.update({ camera: cameraToJson(camera), cameraFit: this.fitKind });
+    } else {
+      this.reset();
+    }
+  }
+
+  /** Lets the server choose the camera again: the first look. */
   reset() {
-    this.update({ camera: undefined, cameraFit: 'CAMERA_FIT_SURFACE' });
+    this.update({ camera: undefined, cameraFit: this.fitKind });
   }
 
   /** @param {{axes?: boolean, scaleBar?: boolean, box?: boolean}} decorations */

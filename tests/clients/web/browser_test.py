@@ -205,6 +205,36 @@ class PictureTest(PageTest):
         self.assertEqual(self.js('return import("./isoscope-view.js").then((m) => m.defaultCamera(m.boxOfDataset(isoscope.view.dataset)))'),
                          self.js('return isoscope.view.camera'))
 
+    def test_the_first_look_is_asked_for_where_the_coordinator_knows_it_and_is_in_the_link(self):
+        self.gateway.control(features=['notes', 'fit_cells'])
+        self.open_and_wait()
+        first = self.gateway.control()['first']['frame']
+        self.assertEqual((None, 'CAMERA_FIT_CELLS', 4), (first.get('camera'), first.get('cameraFit'), first.get('samples')))
+        self.assertEqual([0.1], [one['material']['specular'] for one in first['surfaces']])
+        state = self.js('return isoscope.view.getState()')
+        self.assertEqual((True, None), ('eye' in state['camera'], state.get('cameraFit')), 'the answer has the camera')
+        self.until("location.hash.includes('material=soft') && location.hash.includes('samples=4') && location.hash.includes('eye=')")
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        # A new surface has the material of the others.
+        self.js('''import('./page-view.js').then(({ change, shown }) => change({ surfaces: [...shown.state.surfaces, { isovalue: 60 }] }));''')
+        self.until('isoscope.view.state.surfaces.length === 2 && isoscope.view.state.surfaces[1].material')
+
+    def test_fit_keeps_the_direction_and_home_is_the_first_look_again(self):
+        self.gateway.control(features=['notes', 'fit_cells'])
+        self.open_and_wait()
+        direction = '(() => { const { eye, target } = isoscope.view.camera; const d = eye.map((v, i) => v - target[i]); return d.map((v) => v / Math.hypot(...d)); })()'
+        first = self.js(f'return {direction}')
+        self.drag(120, 40)
+        self.until_exact()
+        turned = self.js(f'return {direction}')
+        self.assertGreater(math.dist(first, turned), 0.1)
+        ActionChains(self.browser).send_keys('+').send_keys('0').perform()
+        self.until("isoscope.view.isExact && !isoscope.view.state.cameraFit")
+        self.assertLess(math.dist(turned, self.js(f'return {direction}')), 1e-6)
+        ActionChains(self.browser).send_keys(Keys.HOME).perform()
+        self.until("isoscope.view.isExact && !isoscope.view.state.cameraFit")
+        self.assertLess(math.dist(first, self.js(f'return {direction}')), 1e-6)
+
     def test_a_drag_turns_camera_and_picture_and_rests_exact(self):
         self.open_and_wait()
         before, eye = self.picture(), self.js('return isoscope.view.camera.eye')

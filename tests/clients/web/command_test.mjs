@@ -8,7 +8,7 @@ import { basename, join } from 'node:path';
 import { after, test } from 'node:test';
 
 import { COLOR_MAPS } from '../../../clients/web/parameters.js';
-import { FLAGS, stateFromHash, stateToCommand } from '../../../clients/web/view-state.js';
+import { FLAGS, stateFromHash, stateToCommand, withFirstLook } from '../../../clients/web/view-state.js';
 
 const program = join(process.env.ISOSCOPE_BIN ?? '', 'isoscope');
 const folder = mkdtempSync(join(tmpdir(), 'isoscope-command-'));
@@ -57,6 +57,7 @@ const STATES = {
   camera: { surfaces: [SURFACE], camera: CAMERA },
   'parallel projection': { surfaces: [SURFACE], camera: { eye: { x: 1, y: 2, z: 40 }, target: { x: 1 }, up: { y: 1 }, orthographic: { height: 7.25 } } },
   'a view from a side': { surfaces: [SURFACE], camera: CAMERA, cameraFit: 'CAMERA_FIT_SURFACE' },
+  'the first look, before the answer': withFirstLook({ surfaces: [SURFACE, { isovalue: 60 }] }, 'CAMERA_FIT_CELLS'),
   'the default camera, fitted': { surfaces: [SURFACE], cameraFit: 'CAMERA_FIT_SURFACE' },
   'clip planes and box': { surfaces: [SURFACE], clip: CLIP },
   'filled cuts': { surfaces: [SURFACE], clip: CLIP, caps: {} },

@@ -110,7 +110,7 @@ const json = (v) => [v?.x ?? 0, v?.y ?? 0, v?.z ?? 0];
 
 function cameraOf(request) {
   const camera = view.cameraFromJson(request.camera) ?? view.defaultCamera(BOX);
-  if (request.cameraFit === 'CAMERA_FIT_SURFACE') {
+  if (['CAMERA_FIT_SURFACE', 'CAMERA_FIT_CELLS'].includes(request.cameraFit)) {
     const center = [50, 50, 50];
     camera.eye = view.add(center, view.scale(view.sub(camera.eye, center), 0.6));
     camera.target = center;

@@ -5,10 +5,10 @@ import { test } from 'node:test';
 
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
-import { COLOR_MAPS, EFFECTS } from '../../../clients/web/parameters.js';
+import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from '../../../clients/web/parameters.js';
 import {
-  colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand, stateToHash, tokenOfHash,
-  tokenOfText, withoutToken,
+  asksFirstLook, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand, stateToHash,
+  tokenOfHash, tokenOfText, withFirstLook, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -78,9 +78,32 @@ test('the other side of a plane has the same plane: offset and normal change the
 test('a parallel camera, a fitted view and an empty state come back', () => {
   for (const state of [{}, { clip: { box: { min: { x: 0, y: 0, z: 0 }, max: { x: 1, y: 1, z: 1 } } }, caps: {} },
     { surfaces: [{ isovalue: 1, colorBy: { quantity: 'QUANTITY_POSITION_Y', colorMap: 'COLOR_MAP_GREY', opacity: { atMin: 1, atMax: 0 } } }] }, { dataset: 'x', cameraFit: 'CAMERA_FIT_SURFACE' },
+    { cameraFit: 'CAMERA_FIT_CELLS' },
     { camera: { eye: { x: 1, y: 0, z: 0 }, target: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 1, z: 0 }, orthographic: { height: 7.25 } } }]) {
     assert.deepEqual(stateFromHash(stateToHash(state)).state, state);
   }
+});
+
+test('the first look is asked for where a state says nothing of the camera, and what it says stays', () => {
+  assert.equal(asksFirstLook({ surfaces: [{ isovalue: 1 }] }), true);
+  assert.equal(asksFirstLook({ camera: { eye: { z: 1 } } }), false);
+  assert.equal(asksFirstLook({ cameraFit: 'CAMERA_FIT_SURFACE' }), false);
+  const own = { diffuse: 0.5 };
+  const first = withFirstLook({ dataset: 'x', surfaces: [{ isovalue: 1 }, { isovalue: 2, material: own }] }, 'CAMERA_FIT_CELLS');
+  assert.deepEqual(first, { dataset: 'x', samples: FIRST_LOOK.samples, cameraFit: 'CAMERA_FIT_CELLS',
+    surfaces: [{ isovalue: 1, material: FIRST_LOOK.material }, { isovalue: 2, material: own }] });
+  assert.equal(withFirstLook({ samples: 1, surfaces: [] }, 'CAMERA_FIT_CELLS').samples, 1);
+  assert.equal('cameraFit' in withFirstLook({ surfaces: [] }, 'CAMERA_FIT_SURFACE'), false, 'an older coordinator refuses it');
+});
+
+test('the material of the first look is one word of a link, for all surfaces or for none', () => {
+  const { surfaces } = withFirstLook({ surfaces: [{ isovalue: 1 }, { isovalue: 2 }] }, '');
+  const hash = stateToHash({ surfaces });
+  assert.match(hash, /&material=soft$/);
+  assert.deepEqual(stateFromHash(hash).state, { surfaces });
+  assert.doesNotMatch(stateToHash({ surfaces: [surfaces[0], { isovalue: 2 }] }), /material/);
+  assert.deepEqual(stateFromHash('#surface=1&material=glossy'), { state: { surfaces: [{ isovalue: 1 }] }, problems: [] });
+  assert.equal(stateFromHash('#surface=1&material=wood').problems.length, 1);
 });
 
 test('the hash can be read by people, and survives a mail program that encodes it', () => {

@@ -208,6 +208,21 @@ test('after 5 degrees at least 90 % of the covered pixels are within 2 pixels of
   }
 });
 
+test('a view that is framed again keeps direction, up, angle and projection, and has the whole box around its middle', () => {
+  const box = { min: [0, 0, 0], max: [10, 20, 40] };
+  const radius = Math.hypot(10, 20, 40) / 2;
+  for (const height of [0, 7]) {
+    const camera = { eye: [3, 4, 12], target: [3, 4, 10], up: [0, 1, 0], fovYDegrees: 60, height };
+    const framed = view.framedAgain(camera, box);
+    assert.deepEqual(framed.target, [5, 10, 20]);
+    assert.deepEqual([framed.up, framed.fovYDegrees], [camera.up, 60]);
+    assert.deepEqual(framed.eye.map((x) => Number(x.toFixed(9))), [5, 10, 20 + Number((radius / Math.sin(Math.PI / 6)).toFixed(9))]);
+    assert.equal(framed.height, height > 0 ? 2 * radius : 0);
+  }
+  const standard = view.defaultCamera(box);
+  assert.deepEqual(view.framedAgain(standard, box), standard);
+});
+
 test('a filled view has all of the surface in it, in the middle, and little room around', () => {
   const size = { width: 400, height: 240 };
   for (const camera of [undefined, view.cameraToJson({ eye: [260, 180, 90], target: [40, 60, 50], up: [0, 0, 1], fovYDegrees: 50, height: 0 }),

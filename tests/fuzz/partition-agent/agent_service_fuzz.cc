@@ -229,6 +229,10 @@ void Run(Input input) {
       return Ask<v1::GetShardHistogramRequest, v1::GetShardHistogramResponse>(
           &Stub::GetShardHistogram, input.Piece(), has_right_dataset);
     case 2:
+      if ((ways & 4) != 0) {
+        return Ask<v1::GetCellBoxRequest, v1::GetCellBoxResponse>(&Stub::GetCellBox, input.Piece(),
+                                                                  has_right_dataset);
+      }
       return Ask<v1::GetActiveBoxRequest, v1::GetActiveBoxResponse>(
           &Stub::GetActiveBox, input.Piece(), has_right_dataset);
     case 3:
@@ -259,6 +263,10 @@ std::vector<std::string> Seeds() {
   histogram.set_max_bin_count(16);
   v1::GetActiveBoxRequest box;
   box.add_isovalues(128);
+  v1::GetCellBoxRequest cell_box;
+  cell_box.add_shard_indices(0);
+  cell_box.add_shard_indices(1);
+  cell_box.add_isovalues(128);
   v1::GetGradientsRequest gradients;
   gradients.add_shard_indices(0);
   gradients.add_points()->set_x(3);
@@ -282,6 +290,7 @@ std::vector<std::string> Seeds() {
           head(0) + MakePiece(surface.SerializeAsString()),
           head(1) + MakePiece(histogram.SerializeAsString()),
           head(2) + MakePiece(box.SerializeAsString()),
+          std::string{2, 4} + MakePiece(cell_box.SerializeAsString()),
           head(3) + MakePiece(gradients.SerializeAsString()),
           head(3) + MakePiece(values.SerializeAsString()),
           head(3) + MakePiece(labels.SerializeAsString())};

@@ -118,6 +118,9 @@ class Cluster {
     agent_.on_active_box = [this](const auto&, internal::GetActiveBoxResponse* response) {
       return Answer(response);
     };
+    agent_.on_cell_box = [this](const auto&, internal::GetCellBoxResponse* response) {
+      return Answer(response);
+    };
     agent_.Start();
     server::CoordinatorServerOptions options;
     options.agents = {{agent_.address(), nullptr}};
@@ -293,7 +296,8 @@ void Run(Input input) {
   if (choice % 8 < 5) {
     v1::RenderIsosurfaceRequest request = Request(choice & 0xf3);
     if (choice % 8 == 4) {
-      request.set_camera_fit(v1::CAMERA_FIT_SURFACE);  // asks for the box of the active blocks
+      // Asks for the box of the active blocks, or of the active cells.
+      request.set_camera_fit((choice & 0x10) != 0 ? v1::CAMERA_FIT_CELLS : v1::CAMERA_FIT_SURFACE);
     }
     RequireEnd(Render(request, &png));
   } else if (choice % 8 == 5) {

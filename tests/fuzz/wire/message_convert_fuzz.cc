@@ -75,6 +75,13 @@ void ReadFrame(absl::string_view bytes) {
     RequireRefusal(status);
     return;
   }
+  frame::FrameSpec fitted = *spec;
+  if (const absl::Status fit =
+          wire::ResolveCellsCamera({{0, 0, 0}, {10, 10, 10}}, math::Box3d{{1, 1, 1}, {2, 3, 4}},
+                                   std::nullopt, fitted.viewport, &fitted);
+      !fit.ok()) {
+    RequireRefusal(fit);
+  }
   const auto agent_spec = wire::FrameSpecFromProto(wire::ToProto(drawn));
   drawn.nan_color.reset();
   drawn.output = {};
@@ -155,6 +162,16 @@ void ReadHistograms(absl::string_view bytes) {
 
 void ReadAnswersOfAgents(absl::string_view bytes) {
   const auto layout = volume::BlockLayout::Make({33, 33, 33}, {8, 8, 8});
+  internal::GetCellBoxResponse cell_box;
+  if (Parse(bytes, &cell_box)) {
+    const auto cells = wire::CellBoxFromProto(cell_box, *layout);
+    if (!cells.ok()) {
+      RequireRefusal(cells.status());
+    } else if (*cells) {
+      Require(!(*cells)->empty() && math::IndexBox{{0, 0, 0}, {32, 32, 32}}.Covers(**cells),
+              "accepted cells lie in the volume");
+    }
+  }
   internal::GetActiveBoxResponse box;
   if (Parse(bytes, &box)) {
     const auto cells = wire::ActiveBoxFromProto(box, *layout);

@@ -26,7 +26,7 @@ using google::protobuf::EnumDescriptor;
 using google::protobuf::FieldDescriptor;
 
 constexpr char kHead[] =
-    R"(// Colour maps and effects, as the protos have them (isoscope/v1/options.proto).
+    R"(// Colour maps, effects and the first look, as the protos have them (isoscope/v1/options.proto).
 // Written by page_parameters_test, with ISOSCOPE_REGENERATE_PAGE=1. Do not edit.
 // @ts-check
 
@@ -86,8 +86,17 @@ std::string Effects() {
   return absl::StrCat(text, "];\n");
 }
 
-TEST(PageParametersTest, ThePageKnowsTheMapsAndEffectsOfTheProtos) {
-  const std::string expected = absl::StrCat(kHead, ColorMaps(), Effects());
+std::string FirstLook() {
+  const v1::FirstLook& look =
+      v1::RenderIsosurfaceRequest::descriptor()->options().GetExtension(v1::first_look);
+  return absl::StrCat("/** What is asked for where people ask for no camera. */\n",
+                      "export const FIRST_LOOK = { samples: ", look.samples(),
+                      ", material: { diffuse: ", look.diffuse(), ", specular: ", look.specular(),
+                      ", shininess: ", look.shininess(), " } };\n");
+}
+
+TEST(PageParametersTest, ThePageKnowsTheMapsEffectsAndFirstLookOfTheProtos) {
+  const std::string expected = absl::StrCat(kHead, ColorMaps(), Effects(), FirstLook());
   if (std::getenv("ISOSCOPE_REGENERATE_PAGE") != nullptr) {
     std::ofstream(ISOSCOPE_PAGE_PARAMETERS) << expected;
   }

@@ -172,7 +172,7 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
   EXPECT_THAT(capabilities.features(),
               ElementsAre("bands", "closed_meshes", "dataset_id", "draining_agents", "error_info",
-                          "label_values", "labels", "nan_color", "notes", "pages",
+                          "fit_cells", "label_values", "labels", "nan_color", "notes", "pages",
                           "smooth_labels"));
 }
 

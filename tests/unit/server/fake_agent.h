@@ -55,6 +55,9 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   std::function<grpc::Status(const isoscope::internal::v1::GetActiveBoxRequest&,
                              isoscope::internal::v1::GetActiveBoxResponse*)>
       on_active_box;
+  std::function<grpc::Status(const isoscope::internal::v1::GetCellBoxRequest&,
+                             isoscope::internal::v1::GetCellBoxResponse*)>
+      on_cell_box;
 
   // On `port`, or a free one.
   void Start(int port = 0) {
@@ -107,6 +110,11 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
                             const isoscope::internal::v1::GetActiveBoxRequest* request,
                             isoscope::internal::v1::GetActiveBoxResponse* response) override {
     return Answer(*request, *response, on_active_box(*request, response), context);
+  }
+  grpc::Status GetCellBox(grpc::ServerContext* context,
+                          const isoscope::internal::v1::GetCellBoxRequest* request,
+                          isoscope::internal::v1::GetCellBoxResponse* response) override {
+    return Answer(*request, *response, on_cell_box(*request, response), context);
   }
 
  private:

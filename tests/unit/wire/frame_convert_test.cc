@@ -23,8 +23,10 @@
 #include "gtest/gtest.h"
 
 #include "core/view/camera.h"
+#include "core/view/camera_fit.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/wire/wrong_fields.h"
+#include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::wire {
@@ -342,6 +344,40 @@ TEST(ResolveCameraTest, ACameraThatIsSetStays) {
   const frame::FrameSpec before = spec;
   ISOSCOPE_ASSERT_OK(ResolveCamera({{0, 0, 0}, {300, 1, 2}}, &spec));
   EXPECT_EQ(spec, before);
+}
+
+TEST(ResolveCellsCameraTest, TheCameraIsTheFirstLookOrTheGivenOneAndAgentsReadItsBits) {
+  const math::Box3d bounds{.min = {0, 0, 0}, .max = {30, 10, 20}};
+  const math::Box3d cells{.min = {1, 2, 3}, .max = {11, 4, 6}};
+  const view::Viewport viewport{640, 480};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec plain, FrameSpecFromProto(MakeRequest()));
+  for (const std::optional<math::Box3d>& box :
+       {std::optional(cells), std::optional<math::Box3d>()}) {
+    frame::FrameSpec spec = plain;
+    ISOSCOPE_ASSERT_OK(ResolveCellsCamera(bounds, box, std::nullopt, viewport, &spec));
+    const view::Camera expected = view::FitToBox(FirstLookCamera(bounds, std::nullopt), viewport,
+                                                 bounds, box.value_or(bounds));
+    EXPECT_EQ(ToProto(*spec.camera).SerializeAsString(), ToProto(expected).SerializeAsString());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec agent_spec,
+                                  FrameSpecFromProto(ToProto(spec)));
+    EXPECT_EQ(agent_spec.camera, spec.camera);
+  }
+  frame::FrameSpec given = plain;
+  given.camera = view::MakeDefaultCamera(bounds);
+  const view::Camera front = *given.camera;
+  ISOSCOPE_ASSERT_OK(ResolveCellsCamera(bounds, cells, volume::PatientFrame(), viewport, &given));
+  EXPECT_EQ(given.camera->up, front.up) << "a given direction stays";
+  EXPECT_NE(given.camera->eye, front.eye);
+}
+
+TEST(AskedFrameTest, AFitIsNeverUnspecifiedAndRemembersTheWholeViewport) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const AskedFrame plain, AskedFrameFromProto(request));
+  EXPECT_EQ(plain.fit, isoscope::v1::CAMERA_FIT_VOLUME);
+  request.set_camera_fit(isoscope::v1::CAMERA_FIT_CELLS);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const AskedFrame cells, AskedFrameFromProto(request));
+  EXPECT_EQ(cells.fit, isoscope::v1::CAMERA_FIT_CELLS);
+  EXPECT_EQ(cells.fit_viewport, cells.spec.viewport);
 }
 
 // Changes one of the values that a frame is made of: the one of a number, in the order of the walk.

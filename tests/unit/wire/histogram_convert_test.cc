@@ -208,5 +208,23 @@ TEST(ActiveBoxTest, ComesBackAndOnesOutsideTheVolumeAreRefused) {
   }
 }
 
+TEST(CellBoxTest, ComesBackAndOnesOutsideTheVolumeAreRefused) {
+  const volume::BlockLayout layout = volume::BlockLayout::Make({9, 9, 9}, {4, 4, 4}).value();
+  const math::IndexBox cells{{0, 3, 7}, {1, 8, 8}};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto box, CellBoxFromProto(ToProto(cells), layout));
+  EXPECT_EQ(*box, cells);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none,
+                                CellBoxFromProto(ToProto(math::IndexBox()), layout));
+  EXPECT_FALSE(none.has_value());
+  isoscope::internal::v1::GetCellBoxResponse half = ToProto(cells);
+  half.clear_end_cell();
+  EXPECT_THAT(CellBoxFromProto(half, layout), StatusIs(absl::StatusCode::kInvalidArgument));
+  isoscope::internal::v1::GetCellBoxResponse hostile = ToProto(cells);
+  for (const std::int64_t end : {std::int64_t{-1}, std::int64_t{0}, std::int64_t{9}, kHuge}) {
+    hostile.mutable_end_cell()->set_x(end);
+    EXPECT_THAT(CellBoxFromProto(hostile, layout), StatusIs(absl::StatusCode::kInvalidArgument));
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::wire

@@ -171,10 +171,10 @@ def render(
     color: ColorLike | None = None,
     camera: CameraLike | None = None,
     view: str | None = None,
-    azimuth: float = 0,
-    elevation: float = 0,
-    zoom: float = 1,
-    fit: Literal["volume", "surface"] = "volume",
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    zoom: float | None = None,
+    fit: Literal["volume", "surface", "cells"] | None = None,
     size: tuple[int, int] | int = (1024, 1024),
     region: tuple[int, int, int, int] | None = None,
     background: ColorLike | None = None,
@@ -211,11 +211,15 @@ def render(
         time: the step nearest to it is drawn, of two the earlier; `frame.time` says which.
         step: number of the step, "first" or "last" (-1), instead of a time; default: the last.
         color: colour of the only surface; default: a light clay.
-        camera: Camera, or (eye, target, up); default: sees the whole volume along -z with +y up.
+        camera: Camera, or (eye, target, up). Without anything of the camera the picture is the first look, as of
+            `isoscope render` and of the page: patients from anterior, others turned by 30 and 20 degrees; the box of
+            the surface's cells fills it, with 4 samples a pixel and a material that keeps colours. With any of the
+            next four, it begins along -z with +y up, sees the volume, and has the server's defaults.
         view: side to look from, one of isoscope.VIEWS.
         azimuth, elevation: degrees to turn from there, about up and about the right axis.
         zoom: divides the angle of view.
-        fit: "surface" frames the blocks that the surface meets instead of the volume.
+        fit: "volume"; or what the picture frames instead: "surface", the blocks that the surface meets; "cells",
+            tightly its cells, however the volume is cut.
         size: (width, height), pixels, or one number for both.
         region: window (x, y, width, height) of that picture, with exactly its pixels; then `size`
             may be up to 65536 on each side.
@@ -226,7 +230,7 @@ def render(
             "temperature:magma:280,320".
         nan_color: colour where a field that colours show, or the samples of caps with a map, are missing (NaN);
             default: grey, 0.5; purple with the maps "grey" and "cividis", which have that grey.
-        samples: 1, 4, 9 or 16 samples a pixel, for smooth edges.
+        samples: 1, 4, 9 or 16 samples a pixel, for smooth edges; default: 4 of a first look, else 1.
         ambient_occlusion, silhouette: effects; True for their defaults.
         max_layers: translucent fragments that show in a pixel, 1 to 16; default 8.
         culling: "depth" and "none" give the same bytes; "mask" is approximate.
@@ -246,12 +250,14 @@ def render(
     request = _request.frame(
         self, isovalue, surfaces=surfaces, labels=labels, smooth_labels=smooth_labels, camera=camera, view=view,
         azimuth=azimuth, elevation=elevation, zoom=zoom, fit=fit, size=size, region=region, clip=clip, max_layers=max_layers, field=field,
-        component=component, time=time, step=step,
+        component=component, time=time, step=step, capabilities=self._client._capabilities,
     )  # fmt: skip
     _request.set_appearance(
         request, color=color, background=background, lights=lights, color_by=color_by, nan_color=nan_color, samples=samples,
         culling=culling, effects={"ambient_occlusion": ambient_occlusion, "silhouette": silhouette},
     )  # fmt: skip
+    if _request.asks_first_look(camera, view, azimuth, elevation, zoom, fit):
+        _request.set_first_look(request)
     _request.set_output(request, format, quality, planes)
     request.allow_partial = bool(allow_partial)
     _request.ask_for_notes(request, self._client._capabilities)
@@ -335,7 +341,7 @@ def pick(
         unknown = [name for name in look if name not in _PICK_ARGUMENTS]
         if unknown:
             raise InvalidArgumentError(f"pick: unknown argument {unknown[0]!r}; expected {', '.join(_PICK_ARGUMENTS)}")
-        request = _expecting(self, _request.frame(self, isovalue, **look))
+        request = _expecting(self, _request.frame(self, isovalue, **look, capabilities=self._client._capabilities))
     elif isovalue is not None or look:
         given = "isovalue" if isovalue is not None else next(iter(look))
         raise InvalidArgumentError(f"pick: {given} can't be given with frame, which has it")

@@ -46,6 +46,10 @@ _SPACES = _words(pb.Light.Space)
 _ENDS = {"first": 0, "last": -1}
 
 
+#: The first look at a dataset, as the proto has it: samples and material where nothing of the camera is given.
+FIRST_LOOK: Any = cast(Any, pb.RenderIsosurfaceRequest.DESCRIPTOR.GetOptions()).Extensions[options_pb2.first_look]
+
+
 def choice(values: dict[str, int], value: Any, name: str) -> int:
     if value not in values:
         raise InvalidArgumentError(f"{name} {value!r}: must be one of {', '.join(map(repr, values))}")

@@ -9,6 +9,7 @@ An error is an InvalidArgumentError that names the argument, its value and the a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
@@ -17,6 +18,7 @@ import numpy as np
 from isoscope._messages import (
     CULLINGS,
     EFFECTS,
+    FIRST_LOOK,
     FITS,
     as_int,
     as_ints,
@@ -54,6 +56,9 @@ from isoscope.look import (
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
 # The side of a picture that is drawn for its notes alone, in pixels.
 _EMPTY_SIDE = 64
+# A first look of at most so many pixels, drawn with at most this side, has its samples: as `isoscope render`.
+_MAX_FIRST_PIXELS = 4096 * 4096
+_MAX_DRAWN_SIDE = 16384
 #: The most surfaces of a frame.
 MAX_SURFACES = 128
 #: Type and components of a pixel of each plane.
@@ -65,24 +70,43 @@ PLANES: dict[str, tuple[str, int]] = {
 }
 
 
+def asks_first_look(
+    camera: CameraLike | None = None,
+    view: str | None = None,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    zoom: float | None = None,
+    fit: str | None = None,
+) -> bool:
+    """Whether nothing of the camera is given."""
+    return all(given is None for given in (camera, view, azimuth, elevation, zoom, fit))
+
+
 def _camera_of(
     dataset: DatasetInfo,
     camera: CameraLike | None,
     view: str | None,
-    azimuth: float,
-    elevation: float,
-    zoom: float,
-    fit: str,
+    azimuth: float | None,
+    elevation: float | None,
+    zoom: float | None,
+    fit: str | None,
 ) -> Camera:
     """Returns the camera of a request, before the server fits it to the surface."""
+    if asks_first_look(camera, view, azimuth, elevation, zoom, fit):
+        if dataset.patient_frame:
+            return dataset.camera("anterior")
+        return dataset.camera("front", FIRST_LOOK.azimuth_degrees, FIRST_LOOK.elevation_degrees)
+    turn = (azimuth or 0, elevation or 0, 1 if zoom is None else zoom)
     if camera is None:
-        return dataset.camera(view or "front", azimuth, elevation, zoom)
-    if view is not None or fit != "volume":
-        raise InvalidArgumentError("camera can't be given with view or fit='surface', which place the camera")
+        return dataset.camera(view or "front", *turn)
+    if view is not None or fit not in (None, "volume"):
+        raise InvalidArgumentError(
+            f"camera can't be given with {'view' if view is not None else f'fit={fit!r}'}, which places the camera"
+        )
     turned = as_camera(camera)
-    turned = turned.azimuth(azimuth) if azimuth else turned
-    turned = turned.elevation(elevation) if elevation else turned
-    return turned.zoom(zoom) if zoom != 1 else turned
+    turned = turned.azimuth(turn[0]) if turn[0] else turned
+    turned = turned.elevation(turn[1]) if turn[1] else turned
+    return turned.zoom(turn[2]) if turn[2] != 1 else turned
 
 
 def _set_surfaces(
@@ -124,10 +148,10 @@ def frame(
     smooth_labels: bool = False,
     camera: CameraLike | None = None,
     view: str | None = None,
-    azimuth: float = 0,
-    elevation: float = 0,
-    zoom: float = 1,
-    fit: str = "volume",
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    zoom: float | None = None,
+    fit: str | None = None,
     size: tuple[int, int] | int = (1024, 1024),
     region: tuple[int, int, int, int] | None = None,
     clip: ClipLike | None = None,
@@ -136,13 +160,21 @@ def frame(
     component: str | int | None = None,
     time: float | None = None,
     step: int | str | None = None,
+    capabilities: Capabilities | None = None,
 ) -> pb.RenderIsosurfaceRequest:
-    """Returns the request for what a frame or a pick sees: surfaces, camera, size, clip region, field and time."""
+    """Returns the request for what a frame or a pick sees: surfaces, camera, size, clip region, field and time.
+
+    `capabilities`: of the server. A first look leaves the camera to servers that can fit it to the surface's cells.
+    """
     selection = selection_message(dataset, field, component, time, step)
     request = pb.RenderIsosurfaceRequest(dataset=dataset.name, selection=selection)
     _set_surfaces(request, dataset, isovalue, surfaces, labels, smooth_labels)
-    request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
-    request.camera_fit = cast(Any, choice(FITS, fit, "fit"))
+    is_first_look = asks_first_look(camera, view, azimuth, elevation, zoom, fit)
+    if is_first_look and capabilities is not None and "fit_cells" in capabilities.features:
+        request.camera_fit = cast(Any, FITS["cells"])
+    else:
+        request.camera.CopyFrom(camera_message(_camera_of(dataset, camera, view, azimuth, elevation, zoom, fit)))
+        request.camera_fit = cast(Any, choice(FITS, "volume" if fit is None else fit, "fit"))
     sides = (size, size) if isinstance(size, (int, np.integer)) else size
     width, height = as_ints(sides, "size", "(width, height)", 2)
     request.viewport.CopyFrom(geometry_pb2.Viewport(width_px=width, height_px=height))
@@ -192,12 +224,30 @@ def set_appearance(
     request.culling = cast(Any, choice(CULLINGS, culling, "culling"))
 
 
-def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: pb.ColorBy) -> None:
-    """Colours all surfaces that have no color_by of their own."""
+def set_first_look(request: pb.RenderIsosurfaceRequest) -> None:
+    """Adds samples and material of the first look, where they are not given. Very large pictures keep one sample."""
+    side = math.isqrt(FIRST_LOOK.samples)
+    width, height = request.viewport.width_px, request.viewport.height_px
+    if not request.samples and width * height <= _MAX_FIRST_PIXELS and max(width, height) * side <= _MAX_DRAWN_SIDE:
+        request.samples = FIRST_LOOK.samples
+    _list_surfaces(request)
+    for surface in request.surfaces:
+        if not surface.HasField("material"):
+            for name in ("diffuse", "specular", "shininess"):
+                setattr(surface.material, name, getattr(FIRST_LOOK, name))
+
+
+def _list_surfaces(request: pb.RenderIsosurfaceRequest) -> None:
+    """Makes the only surface of a request, by its isovalue, the first of its list."""
     if not request.surfaces:
         request.surfaces.extend(surfaces_of(request))
         request.ClearField("isovalue")
         request.ClearField("base_color")
+
+
+def _set_color_by(request: pb.RenderIsosurfaceRequest, color_by: pb.ColorBy) -> None:
+    """Colours all surfaces that have no color_by of their own."""
+    _list_surfaces(request)
     for surface in request.surfaces:
         if not surface.HasField("color_by"):
             surface.color_by.CopyFrom(color_by)

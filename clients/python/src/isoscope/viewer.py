@@ -141,8 +141,9 @@ class View:
 
     @property
     def camera(self) -> Camera:
-        """The camera of the state."""
-        return _answer.camera(self._current().camera)
+        """The camera of the state; before the browser knows the one of the first look, that of the exact picture."""
+        request = self._current()
+        return _answer.camera(request.camera) if request.HasField("camera") else self.snapshot().camera
 
     @property
     def picked(self) -> Any:
@@ -335,8 +336,11 @@ def make_view(
             )
         isovalue = suggestions[0].isovalue
     request = _request.frame(
-        dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size, **selection
-    )
+        dataset, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size,
+        capabilities=dataset._client._capabilities, **selection,
+    )  # fmt: skip
+    if _request.asks_first_look(camera, view):
+        _request.set_first_look(request)
     shown = _gateway_of(dataset, gateway, token, page, origin)
     return View(dataset, request, (request.viewport.width_px, request.viewport.height_px), shown)
 

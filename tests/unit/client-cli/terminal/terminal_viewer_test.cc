@@ -9,6 +9,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/monotonic_time.h"
+#include "wire/first_look.h"
 
 namespace isoscope::cli {
 namespace {
@@ -38,7 +39,7 @@ TEST(SentStatesTest, AFrameOfAnUnknownStateHasNoLatency) {
 
 TEST(FlagsOfFrameTest, NumbersAreReadAsTheSameBits) {
   isoscope::v1::RenderIsosurfaceRequest frame;
-  frame.set_isovalue(0.1);
+  frame.add_surfaces()->set_isovalue(0.1);
   frame.mutable_viewport()->set_width_px(640);
   frame.mutable_viewport()->set_height_px(480);
   frame.mutable_camera()->mutable_eye()->set_x(1.0 / 3);
@@ -46,6 +47,11 @@ TEST(FlagsOfFrameTest, NumbersAreReadAsTheSameBits) {
   EXPECT_EQ(FlagsOfFrame(frame),
             "--isovalue 0.1 --eye 0.3333333333333333,0.0,0.0 --target 0.0,0.0,0.0 --up 0.0,1.0,0.0 "
             "--width 640 --height 480");
+  wire::AddFirstMaterial(&frame);
+  frame.set_samples(4);
+  EXPECT_EQ(FlagsOfFrame(frame),
+            "--isovalue 0.1 --eye 0.3333333333333333,0.0,0.0 --target 0.0,0.0,0.0 --up 0.0,1.0,0.0 "
+            "--material soft --samples 4 --width 640 --height 480");
 }
 
 }  // namespace

@@ -29,10 +29,29 @@ void ExpectNear(const math::Vec3d& a, const math::Vec3d& b) {
   EXPECT_NEAR(a.z, b.z, 1e-9);
 }
 
-TEST(ViewControlsTest, BeginsAsRenderDoes) {
+TEST(ViewControlsTest, BeginsWithTheFirstCameraAndGoesBackToIt) {
   const ViewControls controls(kVolume, 60);
   EXPECT_EQ(controls.camera(), view::MakeDefaultCamera(kVolume.bounds));
   EXPECT_EQ(controls.isovalue(), 60);
+  ViewedVolume volume = kVolume;
+  volume.first_camera = view::MakeDefaultCamera(kVolume.bounds);
+  view::Azimuth(0.5, &*volume.first_camera);
+  ViewControls given(volume, 60);
+  EXPECT_EQ(given.camera(), *volume.first_camera);
+  Type("]+h", &given);
+  EXPECT_EQ(given.Press({.kind = Kind::kHome}), Effect::kReset);
+  EXPECT_EQ(given.camera(), *volume.first_camera);
+  EXPECT_EQ(given.isovalue(), 62) << "Home keeps the isovalue";
+  EXPECT_EQ(given.Press({.kind = Kind::kCharacter, .character = '0'}), Effect::kReset);
+  EXPECT_EQ(given.isovalue(), 60);
+}
+
+TEST(ViewControlsTest, TakesTheCameraThatTheServerHasChosen) {
+  ViewControls controls(kVolume, 60);
+  view::Camera chosen = view::MakeDefaultCamera(kVolume.bounds);
+  view::Elevation(0.3, &chosen);
+  controls.SetCamera(chosen);
+  EXPECT_EQ(controls.camera(), chosen);
 }
 
 TEST(ViewControlsTest, TheSceneTurnsWithTheArrow) {

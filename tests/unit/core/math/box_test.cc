@@ -14,6 +14,29 @@ TEST(IndexBoxTest, EndIsOutside) {
   EXPECT_FALSE(box.Contains({0, 2, 3}));
 }
 
+TEST(IndexBoxTest, GrowsToTheLeastBoxAroundBoxes) {
+  IndexBox box;
+  EXPECT_TRUE(box.empty());
+  box.Add({{5, 5, 5}, {5, 9, 9}});
+  EXPECT_TRUE(box.empty()) << "an empty box adds nothing";
+  box.Add({{1, 2, 3}, {4, 5, 6}});
+  EXPECT_EQ(box, (IndexBox{{1, 2, 3}, {4, 5, 6}})) << "an empty one has no corner of its own";
+  box.Add({});
+  EXPECT_EQ(box, (IndexBox{{1, 2, 3}, {4, 5, 6}}));
+  box.Add({{0, 3, 3}, {2, 9, 4}});
+  EXPECT_EQ(box, (IndexBox{{0, 2, 3}, {4, 9, 6}}));
+}
+
+TEST(IndexBoxTest, CoversWhatHasNothingOutside) {
+  const IndexBox box{{1, 2, 3}, {4, 5, 6}};
+  EXPECT_TRUE(box.Covers(box));
+  EXPECT_TRUE(box.Covers({{2, 2, 3}, {3, 3, 4}}));
+  EXPECT_FALSE(box.Covers({{0, 2, 3}, {4, 5, 6}}));
+  EXPECT_FALSE(box.Covers({{1, 2, 3}, {4, 5, 7}}));
+  EXPECT_TRUE(box.Covers({{9, 9, 9}, {9, 9, 9}})) << "an empty box";
+  EXPECT_FALSE(IndexBox{}.Covers(box));
+}
+
 TEST(Box3dTest, GrowsFromEmptyToTheHullOfItsPoints) {
   Box3d box;
   EXPECT_GT(box.min.x, box.max.x);

@@ -1,5 +1,6 @@
 #include "core/view/camera_fit.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -122,6 +123,90 @@ TEST(MoveToBoxTest, DirectionUpAngleAndFramingStay) {
               math::Length(camera.eye - kVolume.Center()) / kVolume.Radius(), 1e-9);
   ExpectNear((moved.target - surface.Center()) * (1 / surface.Radius()),
              (camera.target - kVolume.Center()) * (1 / kVolume.Radius()));
+}
+
+// The largest share of the picture's half width or half height that a corner of the box is away from
+// the middle of the picture.
+double ShareOf(const Camera& camera, const Viewport& viewport, const math::Box3d& box) {
+  const math::Vec3d forward = math::Normalized(camera.target - camera.eye);
+  const math::Vec3d right = math::Normalized(math::Cross(forward, camera.up));
+  const math::Vec3d up = math::Cross(right, forward);
+  const double aspect = static_cast<double>(viewport.width_px) / viewport.height_px;
+  double share = 0;
+  for (const math::Vec3d& corner : box.Corners()) {
+    const math::Vec3d at = corner - camera.eye;
+    const double half_height = camera.projection == Projection::kOrthographic
+                                   ? camera.view_height / 2
+                                   : math::Dot(at, forward) * std::tan(camera.fov_y_radians / 2);
+    EXPECT_GT(half_height, 0) << "behind the eye";
+    share = std::max({share, std::abs(math::Dot(at, up)) / half_height,
+                      std::abs(math::Dot(at, right)) / (half_height * aspect)});
+  }
+  return share;
+}
+
+TEST(FitToBoxTest, TheBoxTouchesTheMarginFromEveryDirectionAtEverySize) {
+  const math::Box3d boxes[] = {Box({1, 1, 2}, {2, 3, 2.5}), Box({-1, 3, 3}, {4.9, 3.1, 3.1}),
+                               kVolume};
+  const Viewport viewports[] = {{1024, 1024}, {1440, 900}, {390, 844}, {8, 1}};
+  for (const math::Box3d& box : boxes) {
+    for (const Viewport& viewport : viewports) {
+      for (int i = 0; i < 12; ++i) {
+        Camera camera = MakeDefaultCamera(kVolume);
+        Azimuth(0.7 * i, &camera);
+        Elevation(0.2 * (i % 5 - 2), &camera);
+        OrthogonalizeUp(&camera);
+        camera.projection = i % 3 == 0 ? Projection::kOrthographic : Projection::kPerspective;
+        const Camera fitted = FitToBox(camera, viewport, kVolume, box);
+        ISOSCOPE_EXPECT_OK(Validate(fitted));
+        EXPECT_NEAR(ShareOf(fitted, viewport, box), kTightShare, 1e-9);
+        ExpectNear(math::Normalized(fitted.target - fitted.eye),
+                   math::Normalized(camera.target - camera.eye));
+        ExpectNear(fitted.target, box.Center());
+        EXPECT_EQ(fitted.up, camera.up);
+        EXPECT_EQ(fitted.fov_y_radians, camera.fov_y_radians);
+      }
+    }
+  }
+}
+
+TEST(FitToBoxTest, NearerAndZoomedCamerasStaySo) {
+  const math::Box3d box = Box({1, 1, 2}, {2, 3, 2.5});
+  const Viewport viewport{640, 480};
+  const Camera standard = MakeDefaultCamera(kVolume);
+  const Camera fitted = FitToBox(standard, viewport, kVolume, box);
+  Camera nearer = standard;
+  nearer.eye = nearer.target + (nearer.eye - nearer.target) * 0.5;
+  EXPECT_NEAR(math::Length(FitToBox(nearer, viewport, kVolume, box).eye - box.Center()),
+              math::Length(fitted.eye - box.Center()) / 2, 1e-9);
+  // Half of the angle: the box is about twice as large in the picture.
+  Camera zoomed = standard;
+  Zoom(2, &zoomed);
+  EXPECT_NEAR(ShareOf(FitToBox(zoomed, viewport, kVolume, box), viewport, box), 2 * kTightShare,
+              0.1);
+  Camera parallel = standard;
+  parallel.projection = Projection::kOrthographic;
+  Zoom(2, &parallel);
+  EXPECT_NEAR(ShareOf(FitToBox(parallel, viewport, kVolume, box), viewport, box), 2 * kTightShare,
+              1e-9);
+  Camera panned = standard;
+  panned.target = panned.target + math::Vec3d{1, 0, 0};
+  panned.eye = panned.eye + math::Vec3d{1, 0, 0};
+  EXPECT_GT(FitToBox(panned, viewport, kVolume, box).target.x, box.Center().x);
+}
+
+TEST(FirstLookCameraTest, PatientsAreSeenFromAnteriorAndOthersTurned) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PatientFrame ras, PatientFrame::FromName("RAS"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Camera anterior,
+                                MakeNamedCamera(NamedView::kAnterior, kVolume, ras));
+  EXPECT_EQ(MakeFirstLookCamera(0.5, 0.3, kVolume, ras), anterior);
+  Camera turned = MakeDefaultCamera(kVolume);
+  Azimuth(0.5, &turned);
+  Elevation(0.3, &turned);
+  OrthogonalizeUp(&turned);
+  EXPECT_EQ(MakeFirstLookCamera(0.5, 0.3, kVolume, std::nullopt), turned);
+  EXPECT_GT(turned.eye.x, turned.target.x) << "from the right";
+  EXPECT_GT(turned.eye.y, turned.target.y) << "and from above";
 }
 
 TEST(ClippedBoundsTest, AreInsideOfTheBoxWhereSomethingIs) {

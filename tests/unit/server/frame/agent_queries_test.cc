@@ -11,6 +11,7 @@
 #include "core/base/status_macros.h"
 #include "core/view/camera_fit.h"
 #include "tests/unit/server/fake_cluster.h"
+#include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::server {
@@ -337,6 +338,97 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera again, RenderedCamera(request));
   EXPECT_EQ(again.SerializeAsString(), moved.SerializeAsString());
   EXPECT_EQ(box_count_, 2);
+}
+
+// Sets a box of cells, the same on all axes.
+void SetCells(int begin, int end, internal::GetCellBoxResponse* response) {
+  for (auto* corner : {response->mutable_begin_cell(), response->mutable_end_cell()}) {
+    const int at = corner == response->mutable_end_cell() ? end : begin;
+    corner->set_x(at);
+    corner->set_y(at);
+    corner->set_z(at);
+  }
+}
+
+class CellBoxQueriesTest : public AgentQueriesTest {
+ protected:
+  CellBoxQueriesTest() {
+    for (const int i : {0, 1}) {
+      (i == 0 ? first_ : second_).on_cell_box = [this, i](const auto& request, auto* response) {
+        ++counts_[i];
+        asked_of_[i] = request;
+        *response = cells_[i];
+        return grpc::Status::OK;
+      };
+    }
+  }
+  static v1::RenderIsosurfaceRequest Request() {
+    v1::RenderIsosurfaceRequest request = RequestThatFits();
+    request.set_camera_fit(v1::CAMERA_FIT_CELLS);
+    return request;
+  }
+  // The first look at a box, of a picture of 8 x 8.
+  static std::string FirstLookAt(const math::Box3d& box) {
+    return wire::ToProto(view::FitToBox(wire::FirstLookCamera(BoxOf(0, 8), std::nullopt), {8, 8},
+                                        BoxOf(0, 8), box))
+        .SerializeAsString();
+  }
+
+  std::atomic<int> counts_[2] = {0, 0};
+  internal::GetCellBoxRequest asked_of_[2];
+  internal::GetCellBoxResponse cells_[2];
+};
+
+TEST_F(CellBoxQueriesTest, TheBoxIsThatOfAllAgentsAndAskedOnce) {
+  SetCells(2, 4, &cells_[0]);
+  SetCells(3, 7, &cells_[1]);
+  Start();
+  v1::RenderIsosurfaceRequest request = Request();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(request));
+  EXPECT_EQ(camera.SerializeAsString(), FirstLookAt(BoxOf(2, 7)));
+  for (const int i : {0, 1}) {
+    ASSERT_EQ(asked_of_[i].shard_indices_size(), 1);
+    EXPECT_EQ(asked_of_[i].isovalues(0), 100);
+  }
+  EXPECT_NE(asked_of_[0].shard_indices(0), asked_of_[1].shard_indices(0));
+  // The coordinator knows it now, for any camera.
+  *request.mutable_camera() = wire::ToProto(view::MakeDefaultCamera(BoxOf(0, 8)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera front, RenderedCamera(request));
+  EXPECT_EQ(front.SerializeAsString(),
+            wire::ToProto(view::FitToBox(wire::CameraFromProto(request.camera(), "camera").value(),
+                                         {8, 8}, BoxOf(0, 8), BoxOf(2, 7)))
+                .SerializeAsString());
+  EXPECT_EQ(counts_[0], 1);
+  EXPECT_EQ(counts_[1], 1);
+  request.set_isovalue(101);
+  ISOSCOPE_EXPECT_OK(RenderedCamera(request));
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  ISOSCOPE_EXPECT_OK(RenderedCamera(request));
+  EXPECT_EQ(counts_[0], 3) << "other surfaces and other regions have other cells";
+
+  // The answer makes the picture again.
+  request = Request();
+  *request.mutable_camera() = camera;
+  request.set_camera_fit(v1::CAMERA_FIT_VOLUME);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera again, RenderedCamera(request));
+  EXPECT_EQ(again.SerializeAsString(), camera.SerializeAsString());
+}
+
+TEST_F(CellBoxQueriesTest, WithoutCellsTheVolumeIsFramedAndThatIsKnownToo) {
+  Start();
+  for (int i = 0; i < 2; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(Request()));
+    EXPECT_EQ(camera.SerializeAsString(), FirstLookAt(BoxOf(0, 8)));
+  }
+  EXPECT_EQ(counts_[0] + counts_[1], 2);
+}
+
+TEST_F(CellBoxQueriesTest, ABoxOutsideOfTheVolumeIsAnInternalError) {
+  SetCells(3, 9, &cells_[1]);
+  Start();
+  EXPECT_THAT(RenderedCamera(Request()),
+              StatusIs(absl::StatusCode::kInternal,
+                       AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
 }
 
 TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {

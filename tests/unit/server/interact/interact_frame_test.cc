@@ -50,6 +50,16 @@ TEST(InteractFrameTest, ASmallerFrameHasSmallerSidesAndEffects) {
   EXPECT_EQ(moving.spec.effects.silhouette->width_px, 2);
 }
 
+// Else the view would jump by part of a pixel when it comes to rest.
+TEST(InteractFrameTest, ASmallerFrameFitsTheCameraOfTheWhole) {
+  v1::ViewState state = State();
+  state.mutable_frame()->set_camera_fit(v1::CAMERA_FIT_CELLS);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving,
+                                MovingFrameOf(state, {.scale = 0.25}));
+  EXPECT_EQ(moving.fit, v1::CAMERA_FIT_CELLS);
+  EXPECT_EQ(moving.fit_viewport, (view::Viewport{1001, 500}));
+}
+
 TEST(InteractFrameTest, SmallestSizesAreLegal) {
   v1::ViewState state = State();
   state.mutable_frame()->mutable_viewport()->set_width_px(1);

@@ -9,6 +9,7 @@ from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
 from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
 
+CAMERA_FIT_CELLS: CameraFit
 CAMERA_FIT_SURFACE: CameraFit
 CAMERA_FIT_UNSPECIFIED: CameraFit
 CAMERA_FIT_VOLUME: CameraFit

@@ -5,8 +5,10 @@ from typing import ClassVar as _ClassVar, Optional as _Optional
 
 DESCRIPTOR: _descriptor.FileDescriptor
 EFFECT_OPTIONS_FIELD_NUMBER: _ClassVar[int]
+FIRST_LOOK_FIELD_NUMBER: _ClassVar[int]
 VALUE_OPTIONS_FIELD_NUMBER: _ClassVar[int]
 effect_options: _descriptor.FieldDescriptor
+first_look: _descriptor.FieldDescriptor
 value_options: _descriptor.FieldDescriptor
 
 class EffectOptions(_message.Message):
@@ -16,6 +18,22 @@ class EffectOptions(_message.Message):
     help: str
     title: str
     def __init__(self, title: _Optional[str] = ..., help: _Optional[str] = ...) -> None: ...
+
+class FirstLook(_message.Message):
+    __slots__ = ["azimuth_degrees", "diffuse", "elevation_degrees", "samples", "shininess", "specular"]
+    AZIMUTH_DEGREES_FIELD_NUMBER: _ClassVar[int]
+    DIFFUSE_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_DEGREES_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_FIELD_NUMBER: _ClassVar[int]
+    SHININESS_FIELD_NUMBER: _ClassVar[int]
+    SPECULAR_FIELD_NUMBER: _ClassVar[int]
+    azimuth_degrees: float
+    diffuse: float
+    elevation_degrees: float
+    samples: int
+    shininess: float
+    specular: float
+    def __init__(self, azimuth_degrees: _Optional[float] = ..., elevation_degrees: _Optional[float] = ..., samples: _Optional[int] = ..., diffuse: _Optional[float] = ..., specular: _Optional[float] = ..., shininess: _Optional[float] = ...) -> None: ...
 
 class ValueOptions(_message.Message):
     __slots__ = ["default_text", "help", "max", "min"]

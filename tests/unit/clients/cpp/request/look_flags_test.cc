@@ -9,6 +9,7 @@
 
 #include "core/cli/usage.h"
 #include "tests/support/status_matchers.h"
+#include "wire/first_look.h"
 #include "wire/frame_convert.h"
 #include "wire/proto_convert.h"
 
@@ -164,6 +165,22 @@ TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
   EXPECT_EQ(spec.surfaces[0].rule.isovalue, 60);
   EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
   EXPECT_EQ(spec.surfaces[0].color_by, flags.color_by[0].color_by);
+}
+
+TEST(LookFlagsTest, TheSoftMaterialIsThatOfTheFirstLookForAllSurfaces) {
+  isoscope::v1::RenderIsosurfaceRequest plain;
+  plain.set_isovalue(5);
+  plain.mutable_base_color()->set_red(1);
+  isoscope::v1::RenderIsosurfaceRequest request = plain;
+  AddLook({.material = MaterialChoice::kGlossy}, &request);
+  EXPECT_EQ(request.SerializeAsString(), plain.SerializeAsString()) << "the server's default";
+  AddLook({.material = MaterialChoice::kSoft}, &request);
+  ASSERT_EQ(request.surfaces_size(), 1);
+  EXPECT_EQ(request.isovalue(), 0);
+  EXPECT_EQ(request.surfaces(0).isovalue(), 5);
+  EXPECT_EQ(request.surfaces(0).color().red(), 1);
+  EXPECT_EQ(request.surfaces(0).material().specular(), wire::GetFirstLook().specular());
+  EXPECT_EQ(request.surfaces(0).material().diffuse(), wire::GetFirstLook().diffuse());
 }
 
 TEST(LookFlagsTest, AFieldIsNamedAndTheDatasetMustHaveSome) {

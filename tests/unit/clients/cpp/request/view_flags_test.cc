@@ -11,6 +11,7 @@
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::client {
@@ -77,12 +78,42 @@ TEST(ViewFlagsTest, ACameraFromAFileHasItsBits) {
   EXPECT_EQ(read.SerializeAsString(), camera.SerializeAsString());
 }
 
+TEST(ViewFlagsTest, EachFlagOfTheCameraEndsTheFirstLook) {
+  EXPECT_FALSE(HasCamera({}, {}));
+  EXPECT_FALSE(HasCamera({.save_camera_file = "c.json"}, {})) << "it says where the camera goes";
+  for (const ViewFlags& view :
+       {ViewFlags{.view = NamedView::kFront}, ViewFlags{.fit = v1::CAMERA_FIT_VOLUME},
+        ViewFlags{.camera_file = "c"}}) {
+    EXPECT_TRUE(HasCamera(view, {}));
+  }
+  for (const CameraFlags& camera :
+       {CameraFlags{.eye = math::Vec3d{1, 2, 3}}, CameraFlags{.target = math::Vec3d{1, 2, 3}},
+        CameraFlags{.up = math::Vec3d{0, 0, 1}}, CameraFlags{.fov_y_degrees = 30},
+        CameraFlags{.azimuth_degrees = 0}, CameraFlags{.elevation_degrees = 0},
+        CameraFlags{.zoom = 1}, CameraFlags{.orthographic_height = 5}}) {
+    EXPECT_TRUE(HasCamera({}, camera));
+  }
+}
+
+TEST(ViewFlagsTest, TheCameraOfTheFirstLookFollowsThePatient) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera plain, FirstLookCamera(DatasetOf("")));
+  EXPECT_EQ(plain.SerializeAsString(),
+            wire::ToProto(wire::FirstLookCamera(Bounds(), std::nullopt)).SerializeAsString());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera patient, FirstLookCamera(DatasetOf("LPS")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera anterior,
+                                ResolveView({.view = NamedView::kAnterior}, {}, DatasetOf("LPS")));
+  EXPECT_EQ(patient.SerializeAsString(), anterior.SerializeAsString());
+  EXPECT_THAT(FirstLookCamera(DatasetOf("XYZ")), StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
 TEST(ViewFlagsTest, AHeightGoesWithAViewButNotWithWhatSetsIt) {
   const CameraFlags parallel{.orthographic_height = 12};
   ISOSCOPE_EXPECT_OK(CheckUsage(ViewFlags{.view = NamedView::kTop}, parallel));
   ISOSCOPE_EXPECT_OK(CheckUsage(ViewFlags{.fit = v1::CAMERA_FIT_VOLUME}, parallel));
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(ViewFlags{.camera_file = "c.json"}, parallel)));
   EXPECT_TRUE(cli::IsUsageError(CheckUsage(ViewFlags{.fit = v1::CAMERA_FIT_SURFACE}, parallel)));
+  EXPECT_THAT(CheckUsage(ViewFlags{.fit = v1::CAMERA_FIT_CELLS}, parallel).message(),
+              HasSubstr("--fit cells"));
 }
 
 TEST(ViewFlagsTest, FlagsThatPlaceTheCameraTwiceExcludeEachOther) {

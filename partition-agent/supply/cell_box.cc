@@ -1,0 +1,170 @@
+// The search runs in rounds, until each active block lies in the box of the cells that were found:
+//
+//   1. Forget the blocks that lie in the box: their cells can't make it larger.
+//   2. Find the hull of the other blocks. Choose blocks that touch one of its sides where it is
+//      larger than the box.
+//   3. Read them on several threads, and add their active cells to the box.
+//
+// A block that is not clipped has an active cell, unless samples are NaN. So one layer of blocks at
+// each side mostly settles that side, and the first block with a cell at the very side does. Rounds
+// grow, so that a surface which fills the volume costs a few blocks, and a thin one few rounds.
+//
+// The result does not depend on the order: it is the box around all active cells.
+
+#include "partition-agent/supply/cell_box.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+#include "core/base/status_macros.h"
+#include "core/extract/active_cells.h"
+#include "core/store/shard_reader.h"
+#include "core/volume/block_samples.h"
+#include "partition-agent/supply/block_reads.h"
+#include "partition-agent/supply/surface_blocks.h"
+
+namespace isoscope::agent {
+namespace {
+
+// Blocks of a round for each side of the box.
+constexpr std::size_t kFirstRoundBlocks = 4;
+constexpr std::size_t kMaxRoundBlocks = 1024;
+
+constexpr std::size_t kSides = 6;
+
+// An active block that was not read yet.
+struct Candidate {
+  BlockToRead block;
+  volume::BlockId block_id = 0;
+};
+
+// Each active block once, ascending by shard and ordinal.
+std::vector<Candidate> CandidatesOf(const SurfaceBlocks& blocks) {
+  std::vector<Candidate> candidates;
+  for (const ChosenMesh& mesh : blocks.ChooseAll()) {
+    candidates.push_back({{mesh.shard_index, mesh.ordinal}, mesh.block_id});
+  }
+  const auto is_before = [](const Candidate& a, const Candidate& b) { return a.block < b.block; };
+  const auto is_same = [](const Candidate& a, const Candidate& b) { return a.block == b.block; };
+  std::sort(candidates.begin(), candidates.end(), is_before);
+  candidates.erase(std::unique(candidates.begin(), candidates.end(), is_same), candidates.end());
+  candidates.shrink_to_fit();
+  return candidates;
+}
+
+// Finds the box, round by round. For a single use.
+class CellBoxSearch {
+ public:
+  // All of them outlive the search.
+  CellBoxSearch(const SurfaceBlocks& blocks, const view::Clipper& clipper,
+                const AgentResources& resources, const base::Cancellation& cancellation)
+      : blocks_(blocks),
+        layout_(blocks.shards().front()->reader->layout()),
+        clipper_(clipper),
+        resources_(resources),
+        cancellation_(cancellation),
+        candidates_(CandidatesOf(blocks)) {}
+
+  absl::StatusOr<math::IndexBox> Run() {
+    for (std::size_t count = kFirstRoundBlocks;; count = std::min(2 * count, kMaxRoundBlocks)) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      std::erase_if(candidates_, [&](const Candidate& candidate) {
+        return box_.Covers(layout_.CellsOf(candidate.block_id));
+      });
+      if (candidates_.empty()) {
+        return box_;
+      }
+      ISOSCOPE_RETURN_IF_ERROR(Read(TakeOutermost(count)));
+    }
+  }
+
+ private:
+  // Removes and returns candidates that touch the hull of all where it exceeds the box: at most
+  // `count` for each side, and at least one. Their order stays.
+  std::vector<BlockToRead> TakeOutermost(std::size_t count) {
+    math::IndexBox hull;
+    for (const Candidate& candidate : candidates_) {
+      hull.Add(layout_.CellsOf(candidate.block_id));
+    }
+    std::array<std::size_t, kSides> left{};
+    for (std::size_t side = 0; side < kSides; ++side) {
+      left[side] = Exceeds(hull, side) ? count : 0;
+    }
+    std::vector<BlockToRead> taken;
+    std::erase_if(candidates_, [&](const Candidate& candidate) {
+      const math::IndexBox cells = layout_.CellsOf(candidate.block_id);
+      for (std::size_t side = 0; side < kSides; ++side) {
+        if (left[side] > 0 && SideOf(cells, side) == SideOf(hull, side)) {
+          --left[side];
+          taken.push_back(candidate.block);
+          return true;
+        }
+      }
+      return false;
+    });
+    return taken;
+  }
+
+  // The sides are those of begin, then those of end.
+  static std::int64_t SideOf(const math::IndexBox& box, std::size_t side) {
+    const int axis = static_cast<int>(side % 3);
+    return side < 3 ? box.begin[axis] : box.end[axis];
+  }
+  [[nodiscard]] bool Exceeds(const math::IndexBox& hull, std::size_t side) const {
+    return box_.empty() || (side < 3 ? SideOf(hull, side) < SideOf(box_, side)
+                                     : SideOf(hull, side) > SideOf(box_, side));
+  }
+
+  absl::Status Read(const std::vector<BlockToRead>& blocks) {
+    std::vector<math::IndexBox> found(blocks.size());
+    ISOSCOPE_RETURN_IF_ERROR(
+        BlockReads(blocks_.shards(), blocks)
+            .ForEach(resources_, cancellation_,
+                     [&](std::size_t block, const volume::BlockSamples& samples) {
+                       found[block] = BoxOf(samples);
+                       return cancellation_.Check();
+                     }));
+    for (const math::IndexBox& cells : found) {
+      box_.Add(cells);
+    }
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] math::IndexBox BoxOf(const volume::BlockSamples& samples) const {
+    const bool is_cut = clipper_.SideOf(layout_, samples.block_id) == view::Clipper::Side::kCut;
+    return extract::BoxOfActiveCells(
+        layout_, samples, blocks_.rules(), [&](const math::Index3& cell) {
+          return !is_cut || clipper_.SideOf(math::IndexBox{cell, cell + math::Index3{1, 1, 1}}) !=
+                                view::Clipper::Side::kOutside;
+        });
+  }
+
+  const SurfaceBlocks& blocks_;
+  const volume::BlockLayout& layout_;
+  const view::Clipper& clipper_;
+  const AgentResources& resources_;
+  const base::Cancellation& cancellation_;
+  std::vector<Candidate> candidates_;
+  math::IndexBox box_;
+};
+
+}  // namespace
+
+absl::StatusOr<math::IndexBox> CellBoxOfShards(const Shards& shards,
+                                               const std::vector<volume::InsideRule>& rules,
+                                               const view::ClipRegion& clip,
+                                               const AgentResources& resources,
+                                               const base::Cancellation& cancellation) {
+  const view::Clipper clipper(clip, shards.front()->reader->manifest().geometry);
+  IndexCost cost;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      SurfaceBlocks blocks,
+      SurfaceBlocks::Find(shards, rules, resources.cache, cancellation, &cost));
+  blocks.EraseOutside(clipper);
+  return CellBoxSearch(blocks, clipper, resources, cancellation).Run();
+}
+
+}  // namespace isoscope::agent
