@@ -56,9 +56,10 @@ absl::StatusOr<std::vector<volume::InsideRule>> RulesOf(const Request& request) 
     rules.push_back(volume::InsideRule::OfIsovalue(isovalue));
   }
   for (int i = 0; i < request.label_sets_size(); ++i) {
-    ISOSCOPE_ASSIGN_OR_RETURN(rules.emplace_back(),
-                              wire::LabelsFromProto(request.label_sets(i).labels(), /*smooths=*/false,
-                                                    absl::StrCat("label_sets[", i, "].labels")));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        rules.emplace_back(),
+        wire::LabelsFromProto(request.label_sets(i).labels(), /*smooths=*/false,
+                              absl::StrCat("label_sets[", i, "].labels")));
   }
   return rules;
 }
