@@ -227,12 +227,12 @@ TEST(AnnotationsTest, LinesBelowThePictureAreLeftOut) {
   EXPECT_TRUE(many.picture.pixels == some.picture.pixels);
 }
 
-TEST(AnnotationsTest, ACaptionThatIsoValuesMakeTooLongIsRefusedBeforeItIsMade) {
+TEST(AnnotationsTest, ACaptionThatIsovaluesMakeTooLongIsRefusedBeforeItIsMade) {
   AnnotationScene scene = Orthographic(100, 240);
-  scene.label_names = {std::string(10'000, 'a')};
+  scene.label_names = {std::string(1000, 'a')};
   ISOSCOPE_EXPECT_OK(Annotate({.caption = "{isovalue}"}, scene, Plain(320, 240)).status());
-  EXPECT_THAT(Annotate({.caption = "{isovalue} {isovalue}"}, scene, Plain(320, 240)).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("20021 bytes")));
+  EXPECT_THAT(Annotate({.caption = Times(17, "{isovalue}")}, scene, Plain(320, 240)).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("17170 bytes")));
 }
 
 // Returns how many pixels of a plain picture a caption touches.
@@ -435,7 +435,7 @@ TEST(AnnotationsTest, ABarIsInThePictureHoweverLongItsTitleIs) {
   const view::PixelRect bar =
       BoxOf(annotated.picture, picture::ColorMapTableOf(frame::ColorMap::kTurbo).front());
   ASSERT_FALSE(bar.empty());
-  EXPECT_EQ(bar.end_x - bar.begin_x, 11);
+  EXPECT_EQ(bar.begin_x, 6) << "half a letter from the side";
 }
 
 TEST(AnnotationsTest, ALegendNeedsASurfaceThatShowsAQuantity) {
