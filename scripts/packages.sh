@@ -19,8 +19,8 @@ ISOSCOPE_BUILD_PACKAGES=(
 )
 
 # Packages to run the programs in the container images: all four programs; those that draw (isoscope-agent and
-# isoscope); isoscope, which reads volumes and writes pictures; and isoscope-gateway. Omitted are packages that these or dpkg depend on
-# anyway (libabsl, libbz2-1.0, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
+# isoscope); isoscope, which reads volumes and writes pictures; and isoscope-gateway. Omitted are packages that these or
+# dpkg depend on anyway (libabsl, libbz2-1.0, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)

@@ -81,10 +81,11 @@ absl::Status MeshAnswer::CountBytes() const {
   constexpr std::int64_t kMaxBytes = std::int64_t{1} << 30;
   const client::DiskUse disk = writer_->disk_use();
   if (disk.file_bytes > kMaxBytes || disk.peak_bytes > max_disk_bytes_) {
-    return absl::ResourceExhaustedError(absl::StrCat(
-        "the mesh has ", disk.file_bytes, " bytes or more, and the gateway's limit is ", kMaxBytes,
-        ", or two thirds of --max-mesh-bytes ", max_disk_bytes_,
-        ": clip it, or use 'isoscope export'"));
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the mesh has ", disk.file_bytes,
+                     " bytes or more, and the gateway's limit is ", kMaxBytes, "; it takes ",
+                     disk.peak_bytes, " of disk while it is put together, and --max-mesh-bytes is ",
+                     max_disk_bytes_, ": clip it, or use 'isoscope export'"));
   }
   return lease_->SetBytes(disk.peak_bytes);
 }

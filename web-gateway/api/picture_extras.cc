@@ -4,12 +4,14 @@
 #include <optional>
 #include <utility>
 
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
 #include "clients/cpp/connection/annotated_picture.h"
 #include "clients/cpp/picture_file/annotation_flags.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "web-gateway/api/render_query.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -95,8 +97,12 @@ absl::Status AddExtras(const PictureExtras& extras, const v1::RenderIsosurfaceRe
   std::optional<client::AnnotatedPicture> annotated;
   if (extras.annotations.any()) {
     std::string png = std::move(*response->mutable_png());
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        annotated, client::AnnotatePng(extras.annotations, request, *response, dataset, &png));
+    absl::StatusOr<client::AnnotatedPicture> drawn =
+        client::AnnotatePng(extras.annotations, request, *response, dataset, &png);
+    if (absl::IsInvalidArgument(drawn.status())) {
+      return absl::InvalidArgumentError(WithoutDashes(drawn.status().message()));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(annotated, std::move(drawn));
     response->set_png(std::move(png));
   }
   if (extras.has_record) {

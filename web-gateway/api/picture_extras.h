@@ -40,7 +40,7 @@ absl::Status CheckExtras(const PictureExtras& extras,
 std::string KeyOf(const PictureExtras& extras);
 
 // Adds them to the PNG of `response`. REQUIRES: CheckExtras is OK. Errors as client::AnnotatePng.
-// Thread-safe; takes the time of encoding the picture, and memory for it twice.
+// Thread-safe; takes the time of encoding the picture, and memory for it three times.
 absl::Status AddExtras(const PictureExtras& extras,
                        const isoscope::v1::RenderIsosurfaceRequest& request,
                        const isoscope::v1::Dataset& dataset, const std::string& picture_revision,

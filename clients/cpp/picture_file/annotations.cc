@@ -18,6 +18,7 @@
 #include "absl/strings/str_split.h"
 
 #include "clients/cpp/picture_file/annotation_sheet.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/picture/color_map.h"
 
@@ -29,6 +30,8 @@ constexpr double kMinTextPx = 11;
 constexpr double kLineSpacing = 1.3;
 constexpr int kMaxLegendTicks = 8;
 constexpr double kLeastArm = 0.35;  // least arm length for letters at both ends
+// Of a caption with its isovalues and times: a request of some kilobytes could ask for gigabytes.
+constexpr std::size_t kMaxCaptionBytes = 16384;
 
 // Red, green and blue, light enough for black and dark enough for white.
 constexpr std::array<Ink, 3> kAxisInks = {
@@ -148,10 +151,10 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
       "x", "y", "z", "normal: red x, green y, blue z", "gradient magnitude", "field"};
   for (std::size_t i = 0; i < items.size(); ++i) {
     const bool is_all = isovalues[i].size() == scene.isovalues.size();
-    items[i].title = absl::StrCat(
+    items[i].title = base::CutText(absl::StrCat(
         items[i].title.empty() ? quantities[static_cast<std::size_t>(items[i].color_by.quantity)]
                                : items[i].title,
-        is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", ")));
+        is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", "))));
   }
   if (scene.caps_coloring.has_value()) {
     const CapsColoring& caps = *scene.caps_coloring;
@@ -295,10 +298,12 @@ absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
   const auto has_bar = [](const LegendItem& item) {
     return item.color_by.quantity != frame::ColorBy::Quantity::kNormal;
   };
+  // A title that is too long is cut at the picture's side, not its bar.
+  const int room = std::max(1, static_cast<int>(size.width_px - 0.5 * text));
   std::vector<int> widths;
   for (const LegendItem& item : items) {
     if (has_bar(item)) {
-      widths.push_back(WidthOf(item, text, scene.is_background_light));
+      widths.push_back(std::min(room, WidthOf(item, text, scene.is_background_light)));
     }
   }
   const std::vector<BarPlace> places = PlaceBars(widths, size, text);
@@ -314,7 +319,7 @@ absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
       continue;
     }
     const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);
-    const int width = Ceil(ruler.WidthOf(item.title) + text);
+    const int width = std::min(room, Ceil(ruler.WidthOf(item.title) + text));
     Sheet sheet(size.width_px - width - Ceil(0.5 * text), static_cast<int>(line_top), width,
                 Ceil(2 * text), text, scene.is_background_light);
     sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
@@ -332,18 +337,37 @@ std::string IsovalueText(const AnnotationScene& scene) {
   return absl::StrJoin(texts, ", ");
 }
 
-// The top left corner; lines that are too long for the picture reduce the size of all.
+std::size_t CountOf(absl::string_view part, absl::string_view text) {
+  std::size_t count = 0;
+  for (std::size_t at = text.find(part); at != absl::string_view::npos;
+       at = text.find(part, at + part.size())) {
+    ++count;
+  }
+  return count;
+}
+
+// The top left corner; lines that are too long for the picture reduce the size of all. Lines below
+// the picture are not drawn.
 absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scene,
                          Annotated* annotated) {
   const image::RgbaImage& picture = annotated->picture;
   if (!IsUtf8(caption)) {
     return absl::InvalidArgumentError("--caption: the text is not valid UTF-8");
   }
+  const std::string isovalues = IsovalueText(scene);
+  const std::size_t bytes = caption.size() + CountOf("{isovalue}", caption) * isovalues.size() +
+                            CountOf("{time}", caption) * scene.time.size();
+  if (bytes > kMaxCaptionBytes) {
+    return absl::InvalidArgumentError(absl::StrCat("--caption: the text has ", bytes,
+                                                   " bytes with its isovalues and times: at most ",
+                                                   kMaxCaptionBytes, " are allowed"));
+  }
   const std::string replaced = absl::StrReplaceAll(
-      caption, {{"{isovalue}", IsovalueText(scene)}, {"{time}", scene.time}, {"\\n", "\n"}});
+      caption, {{"{isovalue}", isovalues}, {"{time}", scene.time}, {"\\n", "\n"}});
   const std::vector<std::string> lines = absl::StrSplit(replaced, '\n');
   double text = TextPx(picture);
-  const int height = Ceil((kLineSpacing * static_cast<double>(lines.size()) + 1) * text);
+  const int height =
+      std::min(picture.height, Ceil((kLineSpacing * static_cast<double>(lines.size()) + 1) * text));
   Sheet sheet(0, 0, picture.width, height, text, scene.is_background_light);
   double widest = 0;
   for (const std::string& line : lines) {
@@ -355,8 +379,11 @@ absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scen
     sheet.SetTextPx(text);
   }
   for (std::size_t i = 0; i < lines.size(); ++i) {
-    sheet.DrawText(TextPx(picture) * 0.8, (kLineSpacing * static_cast<double>(i) + 1.5) * text,
-                   lines[i], sheet.ink());
+    const double baseline = (kLineSpacing * static_cast<double>(i) + 1.5) * text;
+    if (baseline - 4 * text > picture.height) {
+      break;
+    }
+    sheet.DrawText(TextPx(picture) * 0.8, baseline, lines[i], sheet.ink());
   }
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
 }

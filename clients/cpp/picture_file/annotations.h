@@ -100,8 +100,9 @@ struct Annotated {
 };
 
 // Draws over the picture. The result is the same on one machine; another one may have another font.
-// INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is requested and neither a surface
-// nor caps show a quantity; FAILED_PRECONDITION if there is no font. Thread-safe.
+// INVALID_ARGUMENT if the caption is not UTF-8, or has more than 16384 bytes with its isovalues and
+// times, or if a legend is requested and neither a surface nor caps show a quantity;
+// FAILED_PRECONDITION if there is no font. Thread-safe.
 absl::StatusOr<Annotated> Annotate(const Annotations& annotations, const AnnotationScene& scene,
                                    image::RgbaImage picture);
 

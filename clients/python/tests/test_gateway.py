@@ -148,6 +148,14 @@ def test_another_origin_joins_at_the_same_address(dataset):
         assert status == 200 and headers["Access-Control-Allow-Origin"] == origin
 
 
+def test_a_text_that_is_no_origin_leaves_the_cells_of_before(dataset):
+    first = dataset.view(127.5, size=(16, 16), origin=HERE)
+    wrong = dataset.view(127.5, size=(16, 16), origin="no origin")
+    assert "is not an origin" in wrong._repr_mimebundle_()["text/html"] and not wrong.gateway
+    status, headers, _ = get(f"{first.gateway}view-state.js", Origin=HERE)
+    assert status == 200 and headers["Access-Control-Allow-Origin"] == HERE
+
+
 def test_a_gateway_that_died_is_started_again_and_none_outlives_its_client(folder):
     with isoscope.serve(folder, renderer="cpu", threads=1) as client:
         before = {pid for pid, _ in children_of(os.getpid())}

@@ -70,6 +70,15 @@ def test_masked_samples_are_not_taken_for_values(programs):
         assert client.dataset().range == (0, 26)
 
 
+def test_masked_samples_of_dask_are_not_taken_for_values(dask_array, tmp_path):
+    masked = np.ma.masked_less(np.arange(27.0).reshape(3, 3, 3), 2)
+    with open(tmp_path / "samples", "wb") as file:
+        with pytest.raises(InvalidArgumentError, match="2 masked samples.*filled"):
+            samples.write_samples(file, dask_array.from_array(masked, chunks=2, asarray=False), np.dtype("<f8"))
+        samples.write_samples(file, dask_array.from_array(masked[1:], chunks=2, asarray=False), np.dtype("<f8"))
+    assert np.array_equal(np.fromfile(tmp_path / "samples", "<f8"), np.arange(9.0, 27.0))
+
+
 # ---- parts of arrays
 
 

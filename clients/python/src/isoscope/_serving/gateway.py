@@ -75,7 +75,12 @@ class LocalGateway:
             is_running = self._process is not None and self._process.is_running()
             if self._running is None or not is_running or wanted != self._origins:
                 self._end()
-                self._running = self._start(wanted)
+                try:
+                    self._running = self._start(wanted)
+                except ProgramError:
+                    if is_running:  # a text that is no origin must not end the cells of before
+                        self._running = self._start(self._origins)
+                    raise
                 self._origins = wanted
             return self._running
 

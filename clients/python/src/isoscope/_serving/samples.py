@@ -49,11 +49,16 @@ def as_array(value: Any, name: str) -> AnyArray:
 
 
 def write_samples(file: IO[bytes], samples: AnyArray, dtype: np.dtype[Any]) -> None:
-    """Appends samples, the last axis fastest, as `dtype`, which has the order of the bytes."""
+    """Appends samples, the last axis fastest, as `dtype`, which has the order of the bytes.
+
+    Raises:
+        InvalidArgumentError: masked samples of dask, which are known only now.
+    """
     file.flush()  # tofile writes past the file's buffer
     chunks = getattr(samples, "chunks", None)
     for index in _parts(samples.shape, samples.dtype.itemsize, chunks):
-        part = np.asarray(samples[index])
+        part = samples[index]
+        part = as_array(part.compute() if is_dask(part) else part, "the array")
         np.ascontiguousarray(part, dtype).tofile(file)
 
 

@@ -207,6 +207,34 @@ TEST(AnnotationsTest, CaptionThatIsNotUtf8IsRefused) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("UTF-8")));
 }
 
+// Repeats a text.
+std::string Times(int count, const std::string& text) {
+  std::string repeated;
+  for (int i = 0; i < count; ++i) {
+    repeated += text;
+  }
+  return repeated;
+}
+
+// Symptom: the sheet was as high as all lines, and Cairo refused it, or took gigabytes.
+TEST(AnnotationsTest, LinesBelowThePictureAreLeftOut) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const Annotated some,
+      Annotate({.caption = Times(20, "a\\n")}, Orthographic(100, 100), Plain(120, 100)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const Annotated many,
+      Annotate({.caption = Times(5000, "a\\n")}, Orthographic(100, 100), Plain(120, 100)));
+  EXPECT_TRUE(many.picture.pixels == some.picture.pixels);
+}
+
+TEST(AnnotationsTest, ACaptionThatIsovaluesMakeTooLongIsRefusedBeforeItIsMade) {
+  AnnotationScene scene = Orthographic(100, 240);
+  scene.label_names = {std::string(1000, 'a')};
+  ISOSCOPE_EXPECT_OK(Annotate({.caption = "{isovalue}"}, scene, Plain(320, 240)).status());
+  EXPECT_THAT(Annotate({.caption = Times(17, "{isovalue}")}, scene, Plain(320, 240)).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("17170 bytes")));
+}
+
 // Returns how many pixels of a plain picture a caption touches.
 std::ptrdiff_t InkOf(const std::string& caption) {
   const absl::StatusOr<Annotated> annotated =
@@ -395,6 +423,19 @@ TEST(AnnotationsTest, BarsThatDoNotFitInOneRowGetSeveral) {
     EXPECT_GT(box.end_x - box.begin_x, 60) << i;
     EXPECT_GT(box.end_y - box.begin_y, 40) << i;
   }
+}
+
+// Symptom: the bar lay left of the picture, or Cairo refused the sheet.
+TEST(AnnotationsTest, ABarIsInThePictureHoweverLongItsTitleIs) {
+  AnnotationScene scene = ColoredByField();
+  scene.isovalues = {1, 2};
+  scene.label_names = {std::string(100'000, 'W'), "b"};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated,
+                                Annotate({.has_legend = true}, scene, Plain(600, 400)));
+  const view::PixelRect bar =
+      BoxOf(annotated.picture, picture::ColorMapTableOf(frame::ColorMap::kTurbo).front());
+  ASSERT_FALSE(bar.empty());
+  EXPECT_EQ(bar.begin_x, 6) << "half a letter from the side";
 }
 
 TEST(AnnotationsTest, ALegendNeedsASurfaceThatShowsAQuantity) {
