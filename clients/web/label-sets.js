@@ -218,7 +218,7 @@ export function listedLabels(surfaces, dataset) {
   for (const one of singles) {
     const [value] = one.labels;
     const own = colorOfLabel(dataset, value, one.color?.alpha ?? 0);
-    const hasOwn = !one.color || ['red', 'green', 'blue'].every((/** @type {'red'|'green'|'blue'} */ name) => (one.color[name] ?? 0) === own[name]);
+    const hasOwn = !one.color || (one.color.red ?? 0) === own.red && (one.color.green ?? 0) === own.green && (one.color.blue ?? 0) === own.blue;
     // Another colour makes no new run: its word gives the opacity, too.
     const last = runs.at(-1);
     const alpha = one.color ? one.color.alpha ?? 0 : 1;

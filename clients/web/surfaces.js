@@ -62,6 +62,6 @@ export function drawSurfaces() {
     opacity.value = String(paint.alpha ?? 0);
     opacity.setAttribute('aria-valuetext', percent(paint.alpha ?? 0));
     /** @type {HTMLElement} */ (row.querySelector('.figure')).textContent = percent(paint.alpha ?? 0);
-    /** @type {HTMLButtonElement} */ (row.querySelector('.remove')).disabled = surfaces.length === 1 && labelsOf(shown.dataset).length === 0;
+    /** @type {HTMLButtonElement} */ (row.querySelector('.remove')).disabled = surfaces.length === 1 && knownLabels().length === 0;
   });
 }
