@@ -35,6 +35,8 @@ function tell(text) {
 /** Asks for a token. */
 export function closeDoor() {
   if (!isDoorClosed()) {
+    // A modal dialog would lie over the door, and keep the focus from it.
+    document.querySelectorAll('dialog').forEach((dialog) => dialog.close());
     hideRest(true);
     sentence.classList.remove('error');
     tell(client.token ? WRONG : ASKED);
@@ -70,6 +72,17 @@ async function tryToken() {
   hideRest(false);
   setToken(token);
   shown.root.focus({ preventScroll: true });
+}
+
+/**
+ * Tries a token that came with an address while the door is closed.
+ * @param {string} token
+ */
+export function tryAtDoor(token) {
+  if (isDoorClosed() && token) {
+    field.value = token;
+    door.requestSubmit();
+  }
 }
 
 /** @param {() => void} opened called when the token is right */

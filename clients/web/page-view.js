@@ -119,12 +119,16 @@ export function setToken(given) {
   shown.setToken(given);
 }
 
-/** Takes the token of a link with access that was opened in this page. */
+/**
+ * Takes the token of a link with access that was opened in this page.
+ * @returns {string} '' if there is none
+ */
 export function takeTokenAgain() {
   const given = takeToken();
   if (given && given !== client.token) {
     setToken(given);
   }
+  return given;
 }
 
 /**

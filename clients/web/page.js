@@ -12,7 +12,7 @@
 import { drawClip, listenToClip } from './clip.js';
 import { abilities, loadAbilities } from './abilities.js';
 import { addCost, watchAgents } from './cost.js';
-import { closeDoor, isDoorClosed, listenToDoor } from './door.js';
+import { closeDoor, isDoorClosed, listenToDoor, tryAtDoor } from './door.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
 import { listenToHelp } from './help.js';
@@ -65,13 +65,20 @@ shown.addEventListener('state', () => {
     }
   }, 250);
 });
-window.addEventListener('hashchange', () => {
-  takeTokenAgain();
+/** Shows the state of the address, unless it is shown already. */
+function openAddress() {
   const { state, problems } = stateOfAddress();
   // A link has not the colours of the dataset, nor those that tell surfaces apart.
   const colored = state.surfaces ? { ...state, surfaces: paintedApart(withColors(state.surfaces, shown.dataset)) } : state;
   if (stateToHash(colored) !== stateToHash(shown.getState())) {
     open(state, problems);
+  }
+}
+window.addEventListener('hashchange', () => {
+  tryAtDoor(takeTokenAgain());
+  // Behind the door nothing is known; the address is read again once it opens.
+  if (!isDoorClosed()) {
+    openAddress();
   }
 });
 
@@ -180,13 +187,19 @@ function offer(state) {
   announcer.say(sentence);
 }
 
+/** How many states were opened: one that is still being asked about gives way to a later one. */
+let openCount = 0;
 /**
  * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, it is
  * the first look, as of every other client.
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
+  const turn = openCount += 1;
   const dataset = state.dataset ? await datasetOf(state.dataset) : datasets[0] ?? null;
+  if (turn !== openCount) {
+    return;
+  }
   const wrong = [...problems, ...(dataset ? withoutFields(state, dataset) : [])];
   if (wrong.length > 0) {
     say(wrong.slice(0, 3).join('\n'), true);
@@ -201,9 +214,12 @@ async function open(state, problems) {
   page.dataset.value = dataset.name;
   document.title = `${dataset.name} · Isoscope`;
   await loadHistogram(dataset, state.selection);
+  if (turn !== openCount) {
+    return;
+  }
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
-  const labels = allLabels(dataset, suggestedLabels().map((value) => ({ value })));
+  const labels = allLabels(dataset, suggestedLabels().map((/** @type {number} */ value) => ({ value })));
   filled.surfaces ??= labels.length > 0 ? labels : [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
   filled.surfaces = paintedApart(withColors(filled.surfaces, dataset));
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
@@ -325,6 +341,6 @@ listenToUndo((state) => {
     open(state, []);
   }
 }, () => series.isPlaying);
-listenToDoor(() => datasets.length === 0 && loadDatasets());
+listenToDoor(() => datasets.length === 0 ? loadDatasets() : openAddress());
 whileShown(() => isDoorClosed() || watchAgents(), 5000);
 whileShown(() => isDoorClosed() || watchSteps(), 5000);

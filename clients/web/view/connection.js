@@ -158,6 +158,7 @@ export class Connection {
     clearTimeout(this.#timers.open);
     clearTimeout(this.#timers.tell);
     const isAgain = this.#wasOpen;
+    this.#isRefused = false;
     // A connection that soon ends again is retried at increasing intervals.
     clearTimeout(this.#timers.steady);
     this.#timers.steady = setTimeout(() => { this.attempt = 0; }, 5000);
@@ -216,11 +217,13 @@ export class Connection {
   /** A browser does not tell why a WebSocket was refused. The same gateway says over HTTP if the token is wrong. */
   async #askWhy() {
     await untilShown();
+    const { token } = this.#client;
     try {
       await this.#client.requestOnce('v1/capabilities');
     } catch (error) {
       const { status, message } = /** @type {Error & {status?: number}} */ (error);
-      if (this.isOpen || this.#isEnded || this.#isRefused) {
+      // The answer to a token of before says nothing of that of now.
+      if (this.isOpen || this.#isEnded || this.#isRefused || token !== this.#client.token) {
         return;
       }
       if (status === 401) {

@@ -114,6 +114,26 @@ class DoorTest(base.PageTest):
             self.assertEqual('', self.js('return document.getElementById("toast").textContent'), 'the token is no wrong part of the link')
         self.assertEqual([], [one for one in self.gateway.control()['targets'] if 'token' in one])
 
+    def test_a_link_with_access_opens_the_door_of_a_tab_that_waits_for_a_token(self):
+        with self.another_tab():
+            self.open('#dataset=ball&surface=55', query='?theme=dark&max-side=420')
+            self.until(self.IS_CLOSED)
+            self.js('location.hash = arguments[0]', f'#dataset=ball&surface=65&token={urllib.parse.quote(self.TOKEN, safe="")}')
+            self.until(f'isoscope.view.isExact && !({self.IS_CLOSED})')
+            self.assertEqual([65], self.js('return isoscope.view.state.surfaces.map((one) => one.isovalue)'))
+            self.assertNotIn('token', self.browser.current_url)
+            self.assertEqual(4, self.js('return document.getElementById("dataset").options.length'), 'only the dataset of the link is listed')
+
+    def test_the_door_stands_before_an_open_dialog(self):
+        with self.another_tab():
+            self.open_and_wait('#dataset=ball&surface=55', query=base.TokenTest.QUERY)
+            self.browser.find_element(By.ID, 'save').click()
+            self.until('document.getElementById("dialog").open')
+            self.gateway.control(token='of-the-next-start', drop=[1001, ''])
+            self.until(f'{self.IS_CLOSED} && !document.getElementById("dialog").open')
+            self.enter('of-the-next-start')
+            self.until(f'isoscope.view.isExact && !({self.IS_CLOSED})')
+
     def test_without_a_token_there_is_no_link_with_access(self):
         self.gateway.control(token=None)
         with self.another_tab():
@@ -273,6 +293,23 @@ class NoteTest(base.PageTest):
         self.open_and_wait('#dataset=ball&surface=400')
         self.until('!document.getElementById("notes").hidden')
         self.assertNotIn('so says the server', self.browser.find_element(By.ID, 'notes').text)
+
+
+class ChosenLabelTest(base.PageTest):
+    def show(self, dataset):
+        self.js("const menu = document.getElementById('dataset'); menu.value = arguments[0]; menu.dispatchEvent(new Event('change'));", dataset)
+        self.until(f'isoscope.view.isExact && isoscope.view.state.dataset === "{dataset}" && isoscope.view.dataset?.name === "{dataset}"')
+
+    def test_a_chosen_label_is_forgotten_with_its_dataset(self):
+        self.open_and_wait('#dataset=organs&label=1')
+        self.until('document.querySelector("#label-list button.name")')
+        self.browser.find_element(By.CSS_SELECTOR, '#label-list button.name').click()
+        self.until('!document.getElementById("label-actions").hidden')
+        self.show('ball')
+        self.until('document.getElementById("labels").hidden')
+        self.show('organs')
+        self.until('!document.getElementById("labels").hidden')
+        self.assertTrue(self.js('return document.getElementById("label-actions").hidden'))
 
 
 class PointTest(base.PageTest):
