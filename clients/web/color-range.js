@@ -67,7 +67,10 @@ export function listenToColorRange(setRange) {
     try {
       const { dataset } = shown;
       const answer = await client.get(`v1/datasets/${encodeURIComponent(dataset?.name ?? '')}/histogram?bins=4096${histogramWords(dataset, now.selection)}`);
-      take(rangeOfBins(answer, wholeRange(now.choice.component)));
+      const { choice } = coloring() ?? {};
+      if (shown.dataset === dataset && choice?.word === now.choice.word) {  // else another one was chosen meanwhile
+        take(rangeOfBins(answer, wholeRange(now.choice.component)));
+      }
     } catch (error) {
       say(/** @type {Error} */ (error).message, true);
     }

@@ -67,7 +67,9 @@ export function listenToDownloads(series) {
     const state = { ...series.pinned(shown.getState()), samples: Number(page.saveSamples.value) };
     return page.transparent.checked ? { ...state, backgroundColor: { red: 0, green: 0, blue: 0, alpha: 0 } } : state;
   }
-  const sizeOfDialog = () => ({ width: page.width.valueAsNumber || 1, height: page.height.valueAsNumber || 1 });
+  /** Of an empty field, that of the view. */
+  const sizeOfDialog = () => ({ width: Math.round(page.width.valueAsNumber) || shown.loop.picture.width,
+    height: Math.round(page.height.valueAsNumber) || shown.loop.picture.height });
   function drawCommand() {
     const file = fileOf(shown.dataset, abilities.gatewayAddress, location.href);
     page.command.textContent = stateToCommand(stateOfDialog(), 'picture.png', sizeOfDialog(), { file, hasToken: client.token !== '' });

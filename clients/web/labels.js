@@ -23,7 +23,7 @@ const MIN_SEARCHED = 10;
 const surfacesNow = () => shown.state.surfaces ?? [];
 const rangeNow = () => finiteRangeOf(shown.dataset, shown.state.selection);
 /** @returns {import('./label-sets.js').Label[]} */
-export const knownLabels = () => labelsOf(shown.dataset).length > 0 ? labelsOf(shown.dataset) : suggestedLabels().map((value) => ({ value }));
+export const knownLabels = () => labelsOf(shown.dataset).length > 0 ? labelsOf(shown.dataset) : suggestedLabels().map((/** @type {number} */ value) => ({ value }));
 
 /** @param {any[]} surfaces new ones are as smooth as those there are */
 const changeLabels = (surfaces) => change({ surfaces: withSmooth(surfaces, areSmooth(surfacesNow())) });
@@ -58,6 +58,8 @@ function repaint(value, paint) {
 
 /** @type {number | null} */
 let chosen = null;
+/** The dataset that it is one of. */
+let chosenOf = '';
 /**
  * The surfaces before the highlight, and with it, as text: another change ends it.
  * @type {{before: any[], after: string} | null}
@@ -130,6 +132,13 @@ function rowOf(value) {
 let labelsDrawn = '';
 export function drawLabels() {
   const { dataset } = shown;
+  if (dataset && dataset.name !== chosenOf) {
+    if (chosenOf) {
+      chosen = null;
+      page.labelSearch.value = '';
+    }
+    chosenOf = dataset.name;
+  }
   const labels = knownLabels();
   page.labels.hidden = labels.length === 0 && !surfacesNow().some(isOfLabels);
   page.labelSearch.hidden = labels.length < MIN_SEARCHED;
