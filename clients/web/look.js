@@ -7,7 +7,7 @@ import { byId, make, page } from './elements.js';
 import { axisNamesOf, basisOf } from './isoscope-view.js';
 import { isNothing, isOfLabels } from './label-sets.js';
 import { announcer, say } from './messages.js';
-import { change, finiteRangeOf, shown } from './page-view.js';
+import { change, finiteRangeOf, samplesOf, shown } from './page-view.js';
 import { COLOR_MAPS, EFFECTS } from './parameters.js';
 import { choiceOf, legendOf } from './series.js';
 import { format, fromHex, percent, toHex, whyBeyond } from './values.js';
@@ -183,7 +183,8 @@ export function drawNotes() {
   /** @type {Map<number, string>} */
   const beyond = new Map();
   surfaces.forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
-    const why = isOfLabels(surface) ? '' : whyBeyond(surface.isovalue ?? 0, range, unit);
+    // Of all samples: there are surfaces around infinite ones.
+    const why = isOfLabels(surface) ? '' : whyBeyond(surface.isovalue ?? 0, samplesOf(shown.dataset, selection).valueRange, unit);
     if (why) {
       beyond.set(i, why);
     }

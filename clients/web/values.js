@@ -79,7 +79,8 @@ export const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
 
 /**
  * Why an isovalue has no surface, where that is seen by the range of the samples; '' if it may have one.
- * @param {number} isovalue @param {{min?: number, max?: number} | undefined} range @param {string} [unit]
+ * @param {number} isovalue @param {{min?: number | string, max?: number | string} | undefined} range of all samples, as JSON has it
+ * @param {string} [unit]
  */
 export function whyBeyond(isovalue, range, unit = '') {
   const [min, max] = [Number(range?.min ?? 0), Number(range?.max ?? 0)];

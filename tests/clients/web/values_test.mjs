@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { PALETTE, fromHex, nextColor, paintedApart, tidy, tidyRange, toHex } from '../../../clients/web/values.js';
+import { PALETTE, fromHex, nextColor, paintedApart, tidy, tidyRange, toHex, whyBeyond } from '../../../clients/web/values.js';
 
 test('suggested values have the digits that their range can tell apart, and no more', () => {
   for (const [value, span, text] of [[30.000000000004, 100, '30'], [87.49999999, 255, '87.5'], [127.4, 4095, '127'], [0.123456, 1, '0.123'],
@@ -41,4 +41,13 @@ test('surfaces without a colour are told apart; the first one and those with a c
   assert.equal(toHex(painted[2].color), PALETTE[1]);
   // One that has the first colour of the row already.
   assert.equal(toHex(paintedApart([{ isovalue: 1, color: fromHex(PALETTE[0]) }, { isovalue: 2 }])[1].color), PALETTE[1]);
+});
+
+test('an isovalue without a surface is seen by the range of all samples, of which infinite ones have surfaces, too', () => {
+  const beyond = 'Isovalue 400 has no surface: the samples are from 0 to 100 HU.';
+  assert.equal(whyBeyond(400, { max: 100 }, 'HU'), beyond);
+  assert.match(whyBeyond(0, { max: 100 }), /^Isovalue 0 has no surface/, 'all samples are inside');
+  for (const [isovalue, range] of [[100, { max: 100 }], [0.1, { max: 100 }], [400, { max: 'Infinity' }], [-400, { min: '-Infinity', max: 1 }], [5, undefined]]) {
+    assert.equal(whyBeyond(isovalue, range), '', `${isovalue} of ${JSON.stringify(range)}`);
+  }
 });
