@@ -1,5 +1,5 @@
-// BestBands tries 1, 2, 3 ... columns. For each it finds the greatest height that fits, and makes
-// all rows about as high. A band costs the pixels that are drawn for it, and something for its
+// BestBands tries 1, 2, 3 ... columns, until more can't be cheaper. For each it finds the greatest
+// height that fits, and makes all rows about as high. A band costs the pixels that are drawn for it, and something for its
 // rays, its messages, and blocks that lie in its neighbours, too.
 
 #include "server/admission/band_grid.h"
@@ -31,6 +31,13 @@ int GreatestHeight(int width, int least, int most,
     (fits({width, middle}) ? enough : too_much) = middle;
   }
   return enough;
+}
+
+// The least that `columns` columns can cost, however high their bands are.
+std::int64_t LeastCostOf(const frame::FrameSpec& spec, int columns) {
+  const view::Viewport picture = frame::ImageSizeOf(spec);
+  return std::int64_t{picture.width_px} * picture.height_px * spec.effects.samples() +
+         columns * kBandCostPx;
 }
 
 std::int64_t CostOf(const frame::FrameSpec& spec, const BandGrid& grid) {
@@ -85,6 +92,9 @@ std::optional<BandGrid> BestBands(const frame::FrameSpec& spec,
   std::int64_t best_cost = 0;
   const int most_columns = DivideUp(picture.width_px, smallest.width_px);
   for (int columns = 1; columns <= most_columns; ++columns) {
+    if (best.has_value() && LeastCostOf(spec, columns) >= best_cost) {
+      break;
+    }
     const int width = DivideUp(picture.width_px, columns);
     if (!fits({width, smallest.height_px})) {
       continue;

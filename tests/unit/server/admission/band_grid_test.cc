@@ -81,6 +81,19 @@ TEST(BandGridTest, ColumnsAreMadeWhereNoRowFits) {
   EXPECT_LE(PixelsOf(bands->band()), 1'000'000);
 }
 
+// Each call of `fits` copies a frame, and a thread of gRPC waits for the plan.
+TEST(BandGridTest, ColumnsThatCantBeCheaperAreNotTried) {
+  int tried = 0;
+  const auto bands = BestBands(SpecOf(16384, 16384), [&](const view::Viewport& band) {
+    ++tried;
+    return PixelsOf(band) <= 60'000'000;
+  });
+  ASSERT_TRUE(bands.has_value());
+  EXPECT_EQ(bands->columns(), 1);
+  EXPECT_EQ(bands->rows(), 5);
+  EXPECT_LE(tried, 5 * 16);
+}
+
 // With thin rows most drawn pixels would be margins.
 TEST(BandGridTest, WideMarginsMakeBandsSquarer) {
   frame::FrameSpec spec = SpecOf(8000, 8000);
