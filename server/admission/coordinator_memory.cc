@@ -140,22 +140,31 @@ bool CoordinatorMemory::AgentsFitBand(const frame::FrameSpec& spec, const view::
   return AgentsFit(BandInTheMiddle(spec, {band.width_px, height}), limit_bytes);
 }
 
-bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
-                                    std::size_t limit_bytes, const FrameWish& wish,
-                                    const FrameNeeds& needs) const {
-  const frame::FrameSpec of_band = BandInTheMiddle(spec, band);
-  if (band == frame::ImageSizeOf(spec) || !frame::DrawnWindowOf(of_band).fits_a_view() ||
-      (needs.max_drawn_pixels > 0 && DrawnPixelsOf(of_band) > needs.max_drawn_pixels) ||
-      !AgentsFitBand(spec, band, limit_bytes)) {
-    return false;
+std::size_t CoordinatorMemory::BytesForBands(const frame::FrameSpec& spec, std::size_t limit_bytes,
+                                             const FrameWish& wish, const FrameNeeds& needs) const {
+  if (FitsAtOnce(spec, limit_bytes, wish) && AgentsFit(spec, limit_bytes)) {
+    // An agent elsewhere objects, after ReserveFrame.
+    const std::size_t taken = FrameBytes(spec, wish.delivery);
+    return taken - std::min(taken, needs.counting_bytes);
   }
-  const BandedBytes bytes = BandedBytesOf(spec, band, wish.delivery);
   const std::size_t besides =
       TraceBytesOf(limit_bytes, wish) + std::max(needs.counting_bytes, kCountingBytes);
   const std::size_t capacity = FrameCapacity(limit_bytes);
-  const std::size_t kept = bytes.kept + besides;
-  return kept <= capacity && bytes.band <= BandShareOf(capacity - kept) &&
-         std::max(bytes.encode, bytes.send) + besides <= capacity;
+  return capacity - std::min(capacity, besides);
+}
+
+bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
+                                    std::size_t limit_bytes, std::size_t bytes, Delivery delivery,
+                                    std::size_t max_drawn_pixels) const {
+  const frame::FrameSpec of_band = BandInTheMiddle(spec, band);
+  if (band == frame::ImageSizeOf(spec) || !frame::DrawnWindowOf(of_band).fits_a_view() ||
+      (max_drawn_pixels > 0 && DrawnPixelsOf(of_band) > max_drawn_pixels) ||
+      !AgentsFitBand(spec, band, limit_bytes)) {
+    return false;
+  }
+  const BandedBytes needed = BandedBytesOf(spec, band, delivery);
+  return needed.kept <= bytes && needed.band <= BandShareOf(bytes - needed.kept) &&
+         std::max(needed.encode, needed.send) <= bytes;
 }
 
 absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& spec,
@@ -168,8 +177,9 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
     return BandGrid(picture, picture);
   }
   if (MayBand(spec, wish)) {
+    const std::size_t bytes = BytesForBands(spec, limit_bytes_, wish, needs);
     const std::optional<BandGrid> bands = BestBands(spec, [&](const view::Viewport& band) {
-      return FitsInBands(spec, band, limit_bytes_, wish, needs);
+      return FitsInBands(spec, band, limit_bytes_, bytes, wish.delivery, needs.max_drawn_pixels);
     });
     if (bands.has_value()) {
       return *bands;
@@ -187,8 +197,10 @@ std::size_t CoordinatorMemory::LeastLimitFor(const frame::FrameSpec& spec, const
   const view::Viewport smallest = SmallestBand(frame::ImageSizeOf(spec));
   return LeastLimit([&](std::size_t limit_bytes) {
     return (FitsAtOnce(largest, limit_bytes, wish) && AgentsFit(largest, limit_bytes)) ||
-           (MayBand(spec, wish) && FitsInBands(largest, smallest, limit_bytes, wish,
-                                               {.counting_bytes = needs.counting_bytes}));
+           (MayBand(spec, wish) &&
+            FitsInBands(largest, smallest, limit_bytes,
+                        BytesForBands(largest, limit_bytes, wish, needs), wish.delivery,
+                        /*max_drawn_pixels=*/0));
   });
 }
 

@@ -72,8 +72,8 @@ class CoordinatorMemory {
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation);
   // Returns the bands in which a frame is drawn that has its memory: one if it is drawn at once.
-  // With max_drawn_pixels it is drawn in bands even if it fits. CULLING_MASK is always drawn at
-  // once. Errors as CheckFits.
+  // With max_drawn_pixels it is drawn in bands even if it fits, within what it has taken to be drawn
+  // at once. CULLING_MASK is always drawn at once. Errors as CheckFits.
   [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
                                                    const FrameWish& wish,
                                                    const FrameNeeds& needs) const;
@@ -89,9 +89,13 @@ class CoordinatorMemory {
  private:
   [[nodiscard]] bool FitsAtOnce(const frame::FrameSpec& spec, std::size_t limit_bytes,
                                 const FrameWish& wish) const;
+  // The bytes for the answer and the bands of a frame, without its trace and what counts blocks.
+  [[nodiscard]] std::size_t BytesForBands(const frame::FrameSpec& spec, std::size_t limit_bytes,
+                                          const FrameWish& wish, const FrameNeeds& needs) const;
+  // bytes: BytesForBands of the frame and the limit
   [[nodiscard]] bool FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
-                                 std::size_t limit_bytes, const FrameWish& wish,
-                                 const FrameNeeds& needs) const;
+                                 std::size_t limit_bytes, std::size_t bytes, Delivery delivery,
+                                 std::size_t max_drawn_pixels) const;
   [[nodiscard]] bool AgentsFit(const frame::FrameSpec& spec, std::size_t limit_bytes) const;
   [[nodiscard]] bool AgentsFitBand(const frame::FrameSpec& spec, const view::Viewport& band,
                                    std::size_t limit_bytes) const;

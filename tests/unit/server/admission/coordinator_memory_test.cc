@@ -272,6 +272,40 @@ TEST(CoordinatorMemoryTest, BandsGetSmallerForAgentsElsewhereAndForSetsOfManyBlo
       CoordinatorMemory(named * kMiB).PlanFrame(large, kInBands, {.counting_bytes = 90 * kMiB}));
 }
 
+// Symptom: a stream of planes that an agent elsewhere had no room for took more than was reserved.
+TEST(CoordinatorMemoryTest, AFrameThatFitsAtOnceIsDrawnInBandsWithinWhatItHasTaken) {
+  CoordinatorMemory memory(2048 * kMiB);
+  const base::Cancellation never;
+  constexpr std::size_t kCounting = 3 * kMiB;
+  for (const bool has_planes : {false, true}) {
+    for (const Delivery delivery : {Delivery::kWhole, Delivery::kParts}) {
+      for (const view::Viewport& size : {view::Viewport{2048, 2048}, {3000, 500}, {500, 3000}}) {
+        frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
+        spec.effects.ambient_occlusion = frame::AmbientOcclusion{.radius_px = 56};
+        spec.output.depth = has_planes;
+        spec.output.position = has_planes;
+        spec.output.normal = has_planes;
+        const FrameWish wish{.delivery = delivery, .may_band = true};
+        std::size_t taken = 0;
+        {
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reservation,
+                                        memory.ReserveFrame(spec, wish, never));
+          taken = memory.frame_bytes();
+        }
+        for (const std::size_t most : {DrawnPixels(spec) - 1, DrawnPixels(spec) / 3}) {
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+              const BandGrid bands,
+              memory.PlanFrame(spec, wish,
+                               {.counting_bytes = kCounting, .max_drawn_pixels = most}));
+          EXPECT_GT(bands.count(), 1);
+          EXPECT_LE(BandedBytesOf(spec, bands.band(), delivery).most() + kCounting, taken)
+              << size.width_px << " x " << size.height_px << " " << has_planes;
+        }
+      }
+    }
+  }
+}
+
 TEST(CoordinatorMemoryTest, ATraceCountsAndTheSmallestLimitTakesOneOfACommonFrame) {
   const base::Cancellation never;
   CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
