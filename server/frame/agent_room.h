@@ -34,7 +34,7 @@ class AgentRoom {
   // this number of layers; 0: unknown.
   [[nodiscard]] std::size_t MostPixels(const std::string& dataset_id, int max_layers)
       ABSL_LOCKS_EXCLUDED(mutex_);
-  // Agents had no room for twice as many. pixels: at least 1
+  // Agents had room for these, and none for twice as many. pixels: at least 1
   void Note(const std::string& dataset_id, int max_layers, std::size_t pixels)
       ABSL_LOCKS_EXCLUDED(mutex_);
 

@@ -2,8 +2,9 @@
 //
 // 1. RenderOutput asks for the plan, which the memory of the coordinator decides. It knows agents
 //    of its own process. Agents elsewhere say that a band is too large; then all begins again with
-//    bands of half the pixels, which AgentRoom keeps for the next frames. These are at most some
-//    twenty tries, of which all but the last draw little.
+//    bands of half the pixels. These are at most some twenty tries, of which all but the last draw
+//    little. If the last one is drawn, AgentRoom keeps its size for the next frames: a refusal of
+//    any size has another cause.
 // 2. RenderAllBands draws one band after another, each as a region of the picture.
 // 3. RenderBands begins again, with the parts that are left, if a part is lost in between
 //    (allow_partial).
@@ -53,26 +54,28 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
                                       FrameOutput* output) {
   FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
   ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
-  for (;;) {
+  for (bool was_refused = false;; was_refused = true) {
     StartAgain(output);
     const absl::Status status = bands.count() == 1 ? RenderAtOnce(target, on_drawn, output)
                                                    : RenderBands(target, bands, on_drawn, output);
     if (status.ok() && depth_grid_builder_.has_value()) {
       depth_grid_ = depth_grid_builder_->Make();
     }
+    if (status.ok() && was_refused) {
+      runner_.agent_room().Note(target.dataset->dataset.dataset_id(), DrawnLayersOf(asked_.spec),
+                                needs.max_drawn_pixels);
+    }
     if (status.ok() || !MayWorkSmaller(status)) {
       return status;
-    }
-    if (DrawnByOpenGl(target, asked_.spec)) {
-      return NamedForOpenGl(status);
     }
     needs.max_drawn_pixels = DrawnPixelsOf(SpecOfBand(asked_.spec, bands.At(0))) / 2;
     const absl::StatusOr<BandGrid> smaller = ticket_->PlanFrame(asked_.spec, needs);
     if (!smaller.ok()) {
       return status;
     }
-    runner_.agent_room().Note(target.dataset->dataset.dataset_id(), DrawnLayersOf(asked_.spec),
-                              needs.max_drawn_pixels);
+    if (DrawnByOpenGl(target, asked_.spec)) {
+      return NamedForOpenGl(status);
+    }
     base::LogInfo("frame_in_smaller_bands", {{"request", ticket_->request().request_id()},
                                              {"bands", smaller->count()},
                                              {"status", status}});

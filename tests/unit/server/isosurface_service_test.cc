@@ -269,6 +269,21 @@ TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForTheWholeGetsSmallerBands) {
                        AllOf(HasSubstr(second_.address()), HasSubstr("to 99MiB"))));
 }
 
+// Symptom: for a minute after such a refusal the least bands were drawn, hundreds for a picture.
+TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForAnySizeIsNotTakenForOneWithALimit) {
+  std::atomic<bool> fails{true};
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    return fails ? grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "too many open files")
+                 : PlayEmptyFrame(stream);
+  };
+  Start();
+  EXPECT_THAT(Render(FrameRequest(200, 180)),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("too many open files")));
+  fails = false;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(FrameRequest(200, 180)));
+  EXPECT_EQ(response.statistics().band_count(), 1);
+}
+
 TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusySaysWhenToComeAgain) {
   second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
     return rpc::ToGrpcStatus(base::WithRetryDelay(absl::ResourceExhaustedError("64 frames wait"),
