@@ -72,8 +72,8 @@ class CoordinatorMemory {
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation);
   // Returns the bands in which a frame is drawn that has its memory: one if it is drawn at once.
-  // With max_drawn_pixels it is drawn in bands even if it fits, within what it has taken to be drawn
-  // at once. CULLING_MASK is always drawn at once. Errors as CheckFits.
+  // With max_drawn_pixels it is drawn in bands even if it fits, within what ReserveFrame has taken
+  // to draw it at once. CULLING_MASK is always drawn at once. Errors as CheckFits.
   [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
                                                    const FrameWish& wish,
                                                    const FrameNeeds& needs) const;
