@@ -23,6 +23,7 @@
 #include "server/frame/frame_coordinator.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
+#include "server/frame/sample_counts.h"
 #include "wire/frame_convert.h"
 
 namespace isoscope::server {
@@ -65,6 +66,7 @@ class FrameRunner {
                                 FrameCost* cost);
 
   [[nodiscard]] CoordinatorState& state() const { return state_; }
+  [[nodiscard]] SampleCountsCache& sample_counts() { return sample_counts_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
   }
@@ -80,6 +82,7 @@ class FrameRunner {
 
   CoordinatorState& state_;
   ActiveBlocksCache active_blocks_;
+  SampleCountsCache sample_counts_;
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

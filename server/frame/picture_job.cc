@@ -8,6 +8,7 @@
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
+#include "server/frame/color_ranges.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
@@ -171,8 +172,8 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
                             runner_.Prepare(ticket_.get(), &asked_, recorder()));
-  ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(target.dataset->dataset, &asked_.spec));
   parts_ = target.parts;
+  ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));
   FrameOutput output;
   ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
   ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
@@ -181,6 +182,13 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   ticket_->CountAnswer(output.size_bytes());
   FillResponse(target, std::move(output), response);
   return absl::OkStatus();
+}
+
+absl::Status PictureJob::FindRanges(const FrameTarget& target) {
+  const base::TraceScope trace(recorder(), "colour ranges");
+  const FrameIdentity identity = Identity();
+  return ResolveRanges(
+      {.runner = &runner_, .identity = &identity, .target = &target, .parts = &parts_}, &asked_);
 }
 
 void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,

@@ -2,8 +2,8 @@
 //
 // 1. Admit converts the request. An error that no state of the cluster could change is answered at
 //    once. Then the ticket takes a place.
-// 2. Run waits for memory and finds the target (FrameRunner::Prepare). RunFrame does the work with
-//    the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
+// 2. Run waits for memory and finds the target (FrameRunner::Prepare). Colour maps get their ranges
+//    (color_ranges). RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
 // 4. With notes, surfaces that do not show are looked for (surface_notes).
@@ -88,6 +88,8 @@ class PictureJob {
   absl::Status FinishAndEncode(const FrameTarget& target, const frame::DrawnWindow& window,
                                const view::View& drawn_view, FrameOutput* output);
   absl::Status RenderPlanes(const FrameTarget& target, FrameOutput* output);
+  // Gives all maps their ranges.
+  absl::Status FindRanges(const FrameTarget& target);
   // Finds the notes on surfaces. A picture without them is still right.
   absl::Status FindNotes(const FrameTarget& target);
   // Converts all but the trace.
@@ -103,7 +105,7 @@ class PictureJob {
 
   FrameRunner& runner_;
   const std::shared_ptr<FrameTicket> ticket_;
-  AskedFrame asked_;  // FindTarget resolves its camera
+  AskedFrame asked_;  // FindTarget resolves its camera, FindRanges its ranges
   const int depth_grid_side_;
   std::optional<DepthGrid> depth_grid_;
   std::unique_ptr<Trace> trace_;  // null: none is asked for
