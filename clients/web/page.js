@@ -10,6 +10,7 @@
 // @ts-check
 
 import { drawClip, listenToClip } from './clip.js';
+import { listenToColorRanges, offerColorRanges, takeCapsColoring } from './color-ranges.js';
 import { addCost, watchAgents } from './cost.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
@@ -100,7 +101,9 @@ async function loadDatasets() {
     // A gateway that does not know its coordinator's abilities still shows pictures.
     const abilities = client.get('v1/capabilities').catch(() => ({}));
     datasets = (await client.get('v1/datasets')).datasets ?? [];
-    hasNotes = ((await abilities).features ?? []).includes('notes');
+    const features = (await abilities).features ?? [];
+    hasNotes = features.includes('notes');
+    offerColorRanges(features.includes('color_ranges'));
   } catch (error) {
     say(/** @type {Error} */ (error).message, true);
     return;
@@ -194,6 +197,7 @@ shown.addEventListener('frame', (event) => {
     addCost(header.frame.statistics);
   }
   drawLegend(header.frame);
+  takeCapsColoring(header.frame);
   drawNotes(header.frame, Boolean(header.isExact));
   series.frameShown(header.frame);
   pillChanged();
@@ -237,6 +241,7 @@ listenToHistogram();
 listenToLabels();
 listenToLook();
 listenToClip();
+listenToColorRanges(series);
 listenToPoints(series);
 listenToDownloads(series);
 loadDatasets();

@@ -33,3 +33,17 @@ export const percent = (share) => `${Math.round(100 * share)} %`;
 
 /** @param {number} value */
 export const format12 = (value) => String(Number(value.toPrecision(12)));
+
+/**
+ * A range with few digits that holds all of [min, max]: at most a hundredth longer.
+ * @param {number} min @param {number} max
+ */
+export function outwards(min, max) {
+  const step = max > min ? 10 ** Math.floor(Math.log10((max - min) / 200)) : 0;
+  if (!(step > 0) || !Number.isFinite(max - min)) {
+    return { min, max };
+  }
+  /** @param {number} steps */
+  const digits = (steps) => Number((steps * step).toPrecision(12));
+  return { min: digits(Math.floor(min / step)), max: digits(Math.ceil(max / step)) };
+}
