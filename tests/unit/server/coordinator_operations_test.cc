@@ -171,8 +171,8 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   v1::GetCapabilitiesResponse capabilities;
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
   EXPECT_THAT(capabilities.features(),
-              ElementsAre("closed_meshes", "dataset_id", "draining_agents", "error_info",
-                          "label_values", "labels", "nan_color", "notes", "pages"));
+              ElementsAre("closed_meshes", "color_ranges", "dataset_id", "draining_agents",
+                          "error_info", "label_values", "labels", "nan_color", "notes", "pages"));
 }
 
 TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {
