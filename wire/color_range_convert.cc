@@ -86,22 +86,22 @@ absl::StatusOr<frame::ColorRange> GradientRangeOf(const Samples& samples, const 
 absl::StatusOr<AskedRange> AskedRangeFromProto(const v1::ColorRange& proto,
                                                const std::string& path) {
   AskedRange asked;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      asked.source, EnumFromProto(kSources, proto.source(), absl::StrCat(path, ".source"),
-                                  "must be 0 (min and max), 1 (step) or 2 (visible)"));
+  ISOSCOPE_ASSIGN_OR_RETURN(asked.source,
+                            EnumFromProto(kSources, proto.source(), absl::StrCat(path, ".source"),
+                                          "must be 0 (min and max), 1 (step) or 2 (visible)"));
   const bool has_source = proto.source() != v1::ColorRange::SOURCE_UNSPECIFIED;
   if (!has_source && !proto.has_percentiles()) {
     ISOSCOPE_ASSIGN_OR_RETURN(asked.range, EndsFromProto(proto, path));
     return asked;
   }
-  const std::string why =
-      has_source ? absl::StrCat(path, ".source ", static_cast<int>(proto.source()))
-                 : absl::StrCat(path, ".percentiles");
+  const std::string why = has_source
+                              ? absl::StrCat(path, ".source ", static_cast<int>(proto.source()))
+                              : absl::StrCat(path, ".percentiles");
   if (proto.min() != 0 || proto.max() != 0) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, proto.max() != 0 ? ".max is " : ".min is ",
-                     proto.max() != 0 ? proto.max() : proto.min(), " beside ", why,
-                     ", which finds both ends: must be unset"));
+    return absl::InvalidArgumentError(absl::StrCat(path, proto.max() != 0 ? ".max is " : ".min is ",
+                                                   proto.max() != 0 ? proto.max() : proto.min(),
+                                                   " beside ", why,
+                                                   ", which finds both ends: must be unset"));
   }
   if (proto.has_percentiles()) {
     if (has_source) {
@@ -133,11 +133,10 @@ std::optional<v1::ColorRange> ToProto(const AskedRange& asked) {
 
 bool HasVisibleRanges(const frame::FrameSpec& spec) {
   return (frame::HasSampleCaps(spec) && spec.caps->range_source == RangeSource::kVisible) ||
-         std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
-                     [](const frame::Surface& surface) {
-                       return surface.color_by.has_value() &&
-                              surface.color_by->range_source == RangeSource::kVisible;
-                     });
+         std::any_of(spec.surfaces.begin(), spec.surfaces.end(), [](const frame::Surface& surface) {
+           return surface.color_by.has_value() &&
+                  surface.color_by->range_source == RangeSource::kVisible;
+         });
 }
 
 absl::Status CheckRangesOfRegion(const frame::FrameSpec& spec) {
@@ -145,7 +144,8 @@ absl::Status CheckRangesOfRegion(const frame::FrameSpec& spec) {
     return absl::OkStatus();
   }
   return absl::InvalidArgumentError(
-      "region is set beside a range with source 2 (visible): must be unset, because a region has the "
+      "region is set beside a range with source 2 (visible): must be unset, because a region has "
+      "the "
       "colours of the whole picture; ask for the whole, and give the range that its answer has");
 }
 

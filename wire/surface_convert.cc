@@ -371,9 +371,8 @@ v1::ClipCaps ToProto(const frame::ClipCaps& caps) {
   if (caps.map.has_value()) {
     proto.set_color_map(EnumToProto(kColorMaps, *caps.map));
   }
-  if (const auto range = ToProto(AskedRange{.range = caps.range,
-                                            .source = caps.range_source,
-                                            .percentiles = caps.percentiles});
+  if (const auto range = ToProto(AskedRange{
+          .range = caps.range, .source = caps.range_source, .percentiles = caps.percentiles});
       range.has_value()) {
     *proto.mutable_range() = *range;
   }

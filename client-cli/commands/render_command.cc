@@ -467,11 +467,10 @@ WantedVolumes WantedOf(const v1::RenderIsosurfaceRequest& request) {
   }
   for (const v1::Surface& surface : request.surfaces()) {
     if (!surface.color_by().field().empty()) {
-      wanted.colors.push_back(
-          {.text = surface.color_by().field(),
-           .needs_all_steps =
-               !surface.color_by().has_range() ||
-               surface.color_by().range().source() == v1::ColorRange::SOURCE_VISIBLE});
+      wanted.colors.push_back({.text = surface.color_by().field(),
+                               .needs_all_steps = !surface.color_by().has_range() ||
+                                                  surface.color_by().range().source() ==
+                                                      v1::ColorRange::SOURCE_VISIBLE});
     }
   }
   return wanted;

@@ -169,8 +169,8 @@ void AddColors(const client::LookFlags& look, const std::optional<frame::ClipCap
     if (!value.color_by.has_value()) {
       continue;
     }
-    const bool has_range = value.color_by->range.has_value() ||
-                           look.color_range == frame::RangeSource::kStep;
+    const bool has_range =
+        value.color_by->range.has_value() || look.color_range == frame::RangeSource::kStep;
     if (!value.field.empty()) {
       wanted->colors.push_back({.text = value.component.empty()
                                             ? value.field

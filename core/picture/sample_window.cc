@@ -16,9 +16,9 @@ class WeightedSamples {
  public:
   WeightedSamples(volume::ScalarType type, const volume::SampleHistogram& samples, double least)
       : bins_(samples.bins),
-        has_exact_bins_(samples.bins.exponent == 0 &&
-                        volume::VisitScalarType(
-                            type, []<typename T>() { return std::is_integral_v<T>; })),
+        has_exact_bins_(
+            samples.bins.exponent == 0 &&
+            volume::VisitScalarType(type, []<typename T>() { return std::is_integral_v<T>; })),
         least_(least) {
     weights_.reserve(samples.counts.size());
     for (std::size_t i = 0; i < samples.counts.size(); ++i) {

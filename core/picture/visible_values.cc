@@ -78,8 +78,7 @@ class ValueSearch {
     Extent& extent = (*found)[surface];
     if (!spec_.surfaces[surface].shows_values()) {
       const float distance = unprojection_.DistanceOf(image::DepthOf(key));
-      const double value =
-          unprojection_.CoordinateOf(AxisOf(color_by->quantity), x, y, distance);
+      const double value = unprojection_.CoordinateOf(AxisOf(color_by->quantity), x, y, distance);
       extent.Cover(value, value);
     } else if (image::HasStep(code)) {
       extent.Cover(image::StepOf(code), image::StepOf(code) + 1.0);

@@ -200,10 +200,10 @@ absl::Status AddColors(const v1::Dataset& description, std::vector<frame::Surfac
       const bool is_of_step = color_by.range_source == frame::RangeSource::kStep;
       ISOSCOPE_ASSIGN_OR_RETURN(
           color_by.range,
-          wire::ColorRangeOf(
-              is_of_step ? volumes->RangesAt(selected->color_dataset_ids[i])
-                         : description.fields(place.field).components(place.component),
-              absl::StrCat(path, "range")));
+          wire::ColorRangeOf(is_of_step
+                                 ? volumes->RangesAt(selected->color_dataset_ids[i])
+                                 : description.fields(place.field).components(place.component),
+                             absl::StrCat(path, "range")));
     }
   }
   return absl::OkStatus();

@@ -46,9 +46,8 @@ absl::StatusOr<std::shared_ptr<const SampleCounts>> FindSampleCounts(const Frame
                    *frame.identity->cancellation);
   frame.runner->state().ReportQuery(*frame.identity->request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
-  auto counts =
-      std::make_shared<const SampleCounts>(SampleCounts{.samples = std::move(outcome.result->samples),
-                                                        .value_range = outcome.result->value_range});
+  auto counts = std::make_shared<const SampleCounts>(SampleCounts{
+      .samples = std::move(outcome.result->samples), .value_range = outcome.result->value_range});
   if (MissingShards(dataset.shard_count(), *frame.parts).empty()) {
     cache.Insert(dataset.dataset_id(), counts);
   }

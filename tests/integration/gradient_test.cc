@@ -142,7 +142,8 @@ TEST_F(GradientTest, TheRangeOfWhatIsVisibleHoldsTheLengthsOfThePicture) {
     double greatest = 0;
     for (std::size_t i = 0; i < response.surface_index().size(); ++i) {
       if (response.surface_index()[i] == 0) {
-        const double length = std::hypot(static_cast<double>(FloatAt(response.position(), 3 * i)), 3);
+        const double length =
+            std::hypot(static_cast<double>(FloatAt(response.position(), 3 * i)), 3);
         least = std::min(least, length);
         greatest = std::max(greatest, length);
       }

@@ -134,8 +134,7 @@ bool HasMap(const ColorBy& color_by) { return color_by.quantity != ColorBy::Quan
 
 // Whether caps show samples through a map that has no range yet.
 bool HasOpenCaps(const isoscope::v1::RenderIsosurfaceRequest& request) {
-  return request.has_caps() &&
-         request.caps().color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED &&
+  return request.has_caps() && request.caps().color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED &&
          !request.caps().has_range();
 }
 
@@ -291,10 +290,10 @@ absl::StatusOr<CapWindow> ParseCapWindow(absl::string_view text) {
       return CapWindow{.percentiles = frame::Percentiles{.low = *low, .high = *high}};
     }
   }
-  return absl::InvalidArgumentError(
-      absl::StrCat(base::Quoted(text, '\''),
-                   " is not LOW,HIGH, two percentages from 0 to 100 between a comma with LOW < HIGH, "
-                   "or none"));
+  return absl::InvalidArgumentError(absl::StrCat(
+      base::Quoted(text, '\''),
+      " is not LOW,HIGH, two percentages from 0 to 100 between a comma with LOW < HIGH, "
+      "or none"));
 }
 
 void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
@@ -317,10 +316,11 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
           "info), of a field its range over all steps, as if it were left empty (z:grey::0.2,1); "
           "opacities are those at MIN and MAX, and below 1 the surface is translucent")
       .Group(group);
-  cli::AddFlag(set, "--color-range", "visible|step|all", &flags->color_range, ParseRangeSource,
-               "range of the maps of --color-by, and of --caps without --cap-window, that have no "
-               "MIN,MAX: the values that the picture shows, those of its time step, or those of all "
-               "steps (default); in a film, visible is that of the first frame")
+  cli::AddFlag(
+      set, "--color-range", "visible|step|all", &flags->color_range, ParseRangeSource,
+      "range of the maps of --color-by, and of --caps without --cap-window, that have no "
+      "MIN,MAX: the values that the picture shows, those of its time step, or those of all "
+      "steps (default); in a film, visible is that of the first frame")
       .Group(group);
   cli::AddFlag(set, "--cap-window", "LOW,HIGH|none", &flags->cap_window, ParseCapWindow,
                "window of the samples on the cuts of --caps MAP: from one percentile to another of "
@@ -356,7 +356,8 @@ absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count, bool 
       [](const ColorByValue& value) { return value.color_by && HasMap(*value.color_by); });
   if (flags.color_range && !has_map && !has_sample_caps) {
     return cli::UsageError(
-        "--color-range is the range of colour maps: give --color-by with a map, or --caps with one");
+        "--color-range is the range of colour maps: give --color-by with a map, or --caps with "
+        "one");
   }
   if (flags.cap_window && !has_sample_caps) {
     return cli::UsageError(

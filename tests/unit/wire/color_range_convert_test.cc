@@ -7,8 +7,8 @@
 #include <tuple>
 #include <utility>
 
-#include "google/protobuf/text_format.h"
 #include "gmock/gmock.h"
+#include "google/protobuf/text_format.h"
 #include "gtest/gtest.h"
 
 #include "core/base/status_macros.h"
@@ -94,7 +94,8 @@ TEST(AskedRangeTest, HostileRangesAreNamed) {
   expect("percentiles {high: 98} min: 1", "caps.range.min is 1 beside caps.range.percentiles");
   expect("percentiles {high: 98} source: SOURCE_VISIBLE",
          "caps.range.percentiles is set beside caps.range.source 2: must be unset");
-  expect("percentiles {low: -1 high: 98}", "caps.range.percentiles.low is -1: must lie in [0, 100)");
+  expect("percentiles {low: -1 high: 98}",
+         "caps.range.percentiles.low is -1: must lie in [0, 100)");
   expect("percentiles {low: nan high: 98}", "caps.range.percentiles.low is nan");
   expect("percentiles {low: 100 high: 100}", "caps.range.percentiles.low is 100");
   expect("percentiles {low: 2 high: 2}", "caps.range.percentiles.high is 2: must lie in (2, 100]");

@@ -20,9 +20,8 @@ using volume::ScalarType;
 
 SampleHistogram Counts(int exponent, std::int64_t first, std::vector<std::int64_t> counts) {
   SampleHistogram samples;
-  samples.bins = {.exponent = exponent,
-                  .first = first,
-                  .count = static_cast<std::int64_t>(counts.size())};
+  samples.bins = {
+      .exponent = exponent, .first = first, .count = static_cast<std::int64_t>(counts.size())};
   samples.counts = std::move(counts);
   return samples;
 }

@@ -33,8 +33,10 @@ class VisibleValuesTest : public ::testing::Test {
  protected:
   VisibleValuesTest() {
     const ColorBy by_field{.quantity = ColorBy::Quantity::kField, .range = ColorRange{0, 256}};
-    spec_.surfaces = {{.color_by = by_field}, {.color_by = by_field, .opacity = 0.5F},
-                      {.color_by = ColorBy{}}, {}};
+    spec_.surfaces = {{.color_by = by_field},
+                      {.color_by = by_field, .opacity = 0.5F},
+                      {.color_by = ColorBy{}},
+                      {}};
     spec_.max_layers = 2;
     spec_.caps = frame::ClipCaps{.map = frame::ColorMap::kGrey, .range = ColorRange{-1, 1}};
     spec_.sends_normals = spec_.sends_map_steps = true;

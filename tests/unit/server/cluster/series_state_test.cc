@@ -139,9 +139,8 @@ TEST(SeriesStateTest, AStepHasItsOwnRanges) {
   };
   const auto flow = Flow({Agent("a:1", {with_ranges(Shard(0, {0, 1}))}),
                           Agent("b:1", {with_ranges(Shard(1, {0, 1}))})});
-  const frame::ColorBy by_magnitude{.quantity = frame::ColorBy::Quantity::kField,
-                                    .field = "velocity",
-                                    .component = "magnitude"};
+  const frame::ColorBy by_magnitude{
+      .quantity = frame::ColorBy::Quantity::kField, .field = "velocity", .component = "magnitude"};
   for (const int step : {0, 1}) {
     std::vector<frame::Surface> surfaces(3);
     surfaces[0].color_by = surfaces[1].color_by = surfaces[2].color_by = by_magnitude;
