@@ -145,8 +145,8 @@ absl::Status CheckRangesOfRegion(const frame::FrameSpec& spec) {
   }
   return absl::InvalidArgumentError(
       "region is set beside a range with source 2 (visible): must be unset, because a region has "
-      "the "
-      "colours of the whole picture; ask for the whole, and give the range that its answer has");
+      "the colours of the whole picture; ask for the whole, and give the range that its answer "
+      "has");
 }
 
 absl::StatusOr<frame::ColorRange> ColorRangeOf(const v1::FieldComponent& component,
