@@ -1,9 +1,9 @@
 // The clip region: a box by sliders with two thumbs, planes, and what its cuts show.
 // @ts-check
 
-import { capsOf, drawWindow } from './color-ranges.js';
+import { capsOf, drawWindow } from './cap-window.js';
 import { afterKey, byId, describeSlider, make, page } from './elements.js';
-import { basisOf, boxOfDataset, roundLength } from './isoscope-view.js';
+import { axisNamesOf, basisOf, boxOfDataset, roundLength } from './isoscope-view.js';
 import { say } from './messages.js';
 import { change, shown, unit } from './page-view.js';
 import { digitsAt, format, format12, formatAt } from './values.js';
@@ -168,7 +168,7 @@ export function drawClip() {
   const key = JSON.stringify(shown.dataset?.geometry ?? null) + (shown.dataset?.patientFrame ?? '');
   if (key !== clipSlidersOf) {
     clipSlidersOf = key;
-    clipSliders = [0, 1, 2].map((axis) => new ClipSlider(shown.dataset?.patientFrame?.[axis] ?? 'xyz'[axis], axis));
+    clipSliders = axisNamesOf(shown.dataset).map((name, axis) => new ClipSlider(name, axis));
     page.clip.replaceChildren(...clipSliders.map((slider) => slider.element));
   }
   clipSliders.forEach((slider) => slider.draw());
@@ -203,6 +203,7 @@ export function drawClip() {
     const item = page.planes.children[i];
     const [name, input] = item.children;
     name.textContent = `${normal.map((value) => format(value, 2)).join(', ')}`;
+    /** @type {HTMLElement} */ (name).title = `Normal along ${axisNamesOf(shown.dataset).join(', ')}`;
     if (box && input instanceof HTMLInputElement) {
       const ends = normal.map((value, axis) => [value * box.min[axis], value * box.max[axis]]);
       const least = ends.reduce((sum, pair) => sum + Math.min(...pair), 0);

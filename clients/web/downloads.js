@@ -1,11 +1,12 @@
 // Links and downloads: pictures, meshes, and the command that draws the same picture.
 // @ts-check
 
+import { abilities } from './abilities.js';
 import { byId, make, page } from './elements.js';
 import { announcer, copy } from './messages.js';
 import { client, shown } from './page-view.js';
 import { formatBytes } from './values.js';
-import { stateToCommand, stateToHash } from './view-state.js';
+import { fileOf, stateToCommand, stateToHash } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -47,20 +48,48 @@ async function download(button, note, verb, name, ask) {
 
 /** @param {import('./series.js').SeriesControls} series */
 export function listenToDownloads(series) {
-  byId('link', HTMLElement).onclick = () => {
+  function linkOfView() {
     history.replaceState(null, '', `#${stateToHash(series.pinned(shown.getState()))}`);
-    copy(location.href, 'The link is copied: it opens this view again.');
-  };
-  function drawCommand() {
-    page.command.textContent = stateToCommand(series.pinned(shown.getState()), 'picture.png', shown.loop.picture);
+    return location.href;
   }
+  byId('link', HTMLElement).onclick = () => copy(linkOfView(), client.token
+    ? 'The link is copied. It opens this view again for whoever has the token.' : 'The link is copied: it opens this view again.');
+  const access = byId('link-access', HTMLElement);
+  // After '#': neither a server nor a log sees it.
+  access.onclick = () => copy(`${linkOfView()}&token=${encodeURIComponent(client.token)}`,
+    'The link is copied, with the token: whoever gets it sees what you see.');
+  shown.addEventListener('status', () => { access.hidden = !client.token; });
+  /**
+   * What the dialog asks for.
+   * @returns {FrameRequest}
+   */
+  function stateOfDialog() {
+    const state = { ...series.pinned(shown.getState()), samples: Number(page.saveSamples.value) };
+    return page.transparent.checked ? { ...state, backgroundColor: { red: 0, green: 0, blue: 0, alpha: 0 } } : state;
+  }
+  const sizeOfDialog = () => ({ width: page.width.valueAsNumber || 1, height: page.height.valueAsNumber || 1 });
+  function drawCommand() {
+    const file = fileOf(shown.dataset, abilities.gatewayAddress, location.href);
+    page.command.textContent = stateToCommand(stateOfDialog(), 'picture.png', sizeOfDialog(), { file, hasToken: client.token !== '' });
+    byId('command-hint', HTMLElement).textContent = file ? `draws this picture in the folder of ${file}`
+      : `draws this picture; HOST is the coordinator${client.token ? ', TOKEN_FILE has its token' : ''}`;
+  }
+  /** Whether people chose a size; else it is that of the view. */
+  let isSizeChosen = false;
+  page.width.oninput = page.height.oninput = () => {
+    isSizeChosen = true;
+    drawCommand();
+  };
+  page.saveSamples.oninput = page.transparent.oninput = drawCommand;
   // The server sends the camera of a view that is being fitted.
   shown.addEventListener('state', () => page.dialog.open && drawCommand());
   byId('save', HTMLElement).onclick = () => {
-    page.width.value ||= String(shown.loop.picture.width);
-    page.height.value ||= String(shown.loop.picture.height);
-    drawCommand();
+    if (!isSizeChosen) {
+      page.width.value = String(shown.loop.picture.width);
+      page.height.value = String(shown.loop.picture.height);
+    }
     page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
+    drawCommand();
     page.dialog.showModal();
   };
   byId('copy-command', HTMLElement).onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
@@ -68,17 +97,16 @@ export function listenToDownloads(series) {
     make('button', { className: 'small', onclick: () => {
       const tall = Number(side) || shown.loop.picture.height;
       page.height.value = String(tall);
-      page.width.value = String(Math.round(tall * shown.loop.picture.aspect));
+      page.width.value = String(Math.min(16384, Math.round(tall * shown.loop.picture.aspect)));
+      isSizeChosen = Number(side) > 0;
+      drawCommand();
     } }, String(name))));
 
   page.savePng.onclick = () => {
-    const state = series.pinned(shown.getState());
+    const state = stateOfDialog();
+    const { width, height } = sizeOfDialog();
     /** @type {FrameRequest} */
-    const request = { ...state, withNotes: undefined, viewport: { widthPx: page.width.valueAsNumber, heightPx: page.height.valueAsNumber },
-      samples: Number(page.saveSamples.value) };
-    if (page.transparent.checked) {
-      request.backgroundColor = { red: 0, green: 0, blue: 0, alpha: 0 };
-    }
+    const request = { ...state, withNotes: undefined, viewport: { widthPx: width, heightPx: height } };
     download(page.savePng, page.saveNote, 'Drawing …', `${state.dataset || 'isoscope'}.png`,
       () => client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, request));
   };

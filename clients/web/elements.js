@@ -41,7 +41,7 @@ export function svg(name, attributes, ...children) {
 
 export const page = {
   dataset: byId('dataset', HTMLSelectElement), facts: byId('facts', HTMLElement), views: byId('views', HTMLElement),
-  state: byId('state', HTMLElement), legend: byId('legend', HTMLElement), points: byId('points', HTMLElement),
+  state: byId('state', HTMLElement), legend: byId('legend', HTMLElement), choice: byId('choice', HTMLElement), points: byId('points', HTMLElement),
   hover: byId('hover', HTMLElement), surfaces: byId('surfaces', HTMLElement), quantity: byId('quantity', HTMLSelectElement),
   map: byId('map', HTMLSelectElement), rangeMin: byId('range-min', HTMLInputElement),
   rangeMax: byId('range-max', HTMLInputElement), opacityMin: byId('opacity-min', HTMLInputElement),

@@ -6,7 +6,7 @@ import { MAX_SURFACES, asShown, isOfLabels } from './label-sets.js';
 import { say } from './messages.js';
 import { change, client, finiteRangeOf, redraw, shown } from './page-view.js';
 import { histogramWords } from './series.js';
-import { PALETTE, format, fromHex, toHex } from './values.js';
+import { PALETTE, format, fromHex, nextColor, tidy, toHex } from './values.js';
 
 // ---- counts ----
 
@@ -19,7 +19,16 @@ export function suggestedIsovalue(dataset, selection) {
   const suggestions = histogram?.suggestions ?? [];
   const best = suggestions.find((/** @type {any} */ one) => one.method === 'METHOD_BETWEEN_CLASSES') ?? suggestions[0];
   const { min = 0, max = 1 } = finiteRangeOf(dataset, selection) ?? {};
-  return best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2;
+  return tidyIsovalue(best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2, { min: Number(min), max: Number(max) });
+}
+
+/**
+ * An isovalue with few digits, within the range.
+ * @param {number} isovalue @param {{min: number, max: number}} range
+ */
+function tidyIsovalue(isovalue, { min, max }) {
+  const rounded = tidy(isovalue, max - min);
+  return rounded > min && rounded <= max ? rounded : isovalue;
 }
 
 function chartHint() {
@@ -120,12 +129,12 @@ export function drawHistogram() {
   const { min, max } = valueRange();
   const parts = [svg('path', { class: 'area', d: path })];
   for (const [value, anchor] of /** @type {[number, string][]} */ ([[min, 'start'], [(min + max) / 2, 'middle'], [max, 'end']])) {
-    parts.push(svg('text', { class: 'tick', x: toChart(value), y: CHART.height - 5, 'text-anchor': anchor }, format(value, 4)));
+    parts.push(svg('text', { class: 'tick', x: toChart(value), y: CHART.height - 5, 'text-anchor': anchor }, format(value)));
   }
   for (const suggestion of histogram?.suggestions ?? []) {
     const x = toChart(suggestion.isovalue ?? 0);
     parts.push(svg('path', { class: 'suggestion', d: `M${x - 4},${floor + 5}h8l-4,-5z` }, svg('title', {},
-      `Suggested: ${format(suggestion.isovalue ?? 0)}`)));
+      `Suggested: ${format(suggestion.isovalue ?? 0, 4)}`)));
   }
   page.histogram.setAttribute('viewBox', `0 0 ${CHART.width} ${CHART.height}`);
   page.chart.replaceChildren(...parts);
@@ -166,7 +175,7 @@ function addSurface(isovalue) {
     return;
   }
   const surfaces = all.filter((/** @type {any} */ one) => !isOfLabels(one));
-  const color = PALETTE.find((one) => surfaces.every((/** @type {any} */ surface) => toHex(surface.color) !== one)) ?? PALETTE[0];
+  const color = nextColor(surfaces.map((/** @type {any} */ surface) => toHex(surface.color ?? fromHex(PALETTE[0]))));
   // The outer surface becomes translucent, so that the new one is visible.
   for (const surface of surfaces) {
     surface.color ??= fromHex(PALETTE[0]);
@@ -185,7 +194,7 @@ function addSuggestedSurface() {
   const { min, max } = valueRange();
   const free = (histogram?.suggestions ?? []).map((/** @type {any} */ one) => one.isovalue ?? 0)
     .find((/** @type {number} */ value) => values.every((/** @type {number} */ used) => Math.abs(used - value) > (max - min) / 50));
-  addSurface(free ?? fromChart(toChart((Math.max(min, ...values) + max) / 2)));
+  addSurface(free !== undefined ? tidyIsovalue(free, { min, max }) : fromChart(toChart((Math.max(min, ...values) + max) / 2)));
 }
 
 export function listenToHistogram() {
@@ -199,7 +208,7 @@ export function listenToHistogram() {
   chart.addEventListener('pointerdown', (event) => {
     const distances = levelsNow().map(({ surface }) => Math.abs(toChart(surface.isovalue ?? 0) - x(event)));
     const nearest = distances.indexOf(Math.min(...distances));
-    dragged = distances[nearest] < 12 ? levelsNow()[nearest].index : -1;
+    dragged = distances[nearest] < (event.pointerType === 'touch' ? 24 : 12) ? levelsNow()[nearest].index : -1;
     if (dragged >= 0) {
       chart.setPointerCapture(event.pointerId);
       event.preventDefault();

@@ -28,7 +28,7 @@
 
 export { add, cross, dot, length, normalize, rotate, scale, sub } from './view/vectors.js';
 export { basisOf, cameraFromJson, cameraToJson, halfHeightOf, isSameCamera, project, unproject } from './view/camera.js';
-export { NAMED_VIEWS, PATIENT_VIEWS, WORLD_VIEWS, boxOfDataset, defaultCamera, lengthUnitOf, namedCamera,
+export { NAMED_VIEWS, PATIENT_VIEWS, WORLD_VIEWS, axisNamesOf, boxOfDataset, defaultCamera, lengthUnitOf, namedCamera,
   patientDirection } from './view/named-views.js';
 export { fillView, pan, turn, zoomTo } from './view/moves.js';
 export { gridDepth, jumpOf, makeWarp } from './view/relief.js';

@@ -2,14 +2,15 @@
 // @ts-check
 
 import { COLOR_MAP_POINTS } from './color-maps.js';
+import { drawColorRange, listenToColorRange } from './color-range.js';
 import { byId, make, page } from './elements.js';
-import { basisOf } from './isoscope-view.js';
+import { axisNamesOf, basisOf } from './isoscope-view.js';
 import { isNothing, isOfLabels } from './label-sets.js';
 import { announcer, say } from './messages.js';
 import { change, finiteRangeOf, shown } from './page-view.js';
 import { COLOR_MAPS, EFFECTS } from './parameters.js';
-import { legendOf } from './series.js';
-import { format, fromHex, percent, toHex } from './values.js';
+import { choiceOf, legendOf } from './series.js';
+import { format, fromHex, percent, toHex, whyBeyond } from './values.js';
 import { defaultNanColor, colorByFromKey, colorByToKey, colorMapFromJson, colorMapToJson, stateToHash } from './view-state.js';
 
 /** @param {boolean} [isMoving] */
@@ -57,6 +58,10 @@ export function listenToLook() {
     changeColorBy();
   };
   page.map.onchange = page.rangeMin.onchange = page.rangeMax.onchange = () => changeColorBy();
+  listenToColorRange(({ min, max }) => {
+    [page.rangeMin.value, page.rangeMax.value] = [String(min), String(max)];
+    changeColorBy();
+  });
   page.opacityMin.oninput = page.opacityMax.oninput = () => changeColorBy(true);
   page.nanColor.oninput = () => change({ nanColor: fromHex(page.nanColor.value) }, true);
   page.nanDefault.onclick = () => change({ nanColor: undefined });
@@ -80,11 +85,16 @@ export function listenToLook() {
 
 export function drawLook() {
   const { state } = shown;
+  axisNamesOf(shown.dataset).forEach((name, axis) => {
+    const option = page.quantity.querySelector(`option[value=${'xyz'[axis]}]`);
+    /** @type {HTMLOptionElement} */ (option).textContent = `position ${name}`;
+  });
   const colorBy = (state.surfaces ?? []).find((/** @type {any} */ surface) => surface.colorBy)?.colorBy;
   const quantity = colorByToKey(colorBy);
   page.quantity.value = quantity;
   const isMapped = quantity !== 'none' && quantity !== 'normal';
   document.querySelectorAll('[data-for=map]').forEach((row) => { /** @type {HTMLElement} */ (row).hidden = !isMapped; });
+  drawColorRange();
   page.map.value = colorMapFromJson(colorBy?.colorMap);
   for (const [input, end] of /** @type {[HTMLInputElement, string][]} */ ([[page.rangeMin, 'min'], [page.rangeMax, 'max']])) {
     if (document.activeElement !== input) {
@@ -96,6 +106,7 @@ export function drawLook() {
     const opacity = colorBy?.opacity ? colorBy.opacity[end] ?? 0 : 1;
     input.value = String(opacity);
     input.setAttribute('aria-valuetext', percent(opacity));
+    /** @type {HTMLElement} */ (input.nextElementSibling).textContent = percent(opacity);
   }
   const showsSamples = Boolean(state.caps?.colorMap) ||
     (state.surfaces ?? []).some((/** @type {any} */ { colorBy: one }) => one?.quantity === 'QUANTITY_FIELD');
@@ -144,21 +155,44 @@ export function drawLegend(frame) {
   }
 }
 
-let notesDrawn = '';
 /**
- * Shows why surfaces do not show. Only exact pictures have notes; the last ones stay while the picture moves.
+ * Of the server, for the surfaces and the step of `of`.
+ * @type {{of: string, notes: any[]}}
+ */
+let serverNotes = { of: '', notes: [] };
+const notedNow = () => JSON.stringify([shown.state.surfaces, shown.state.selection]);
+
+/**
+ * Keeps what the server says of surfaces that do not show. Only exact pictures have notes; the last ones stay while
+ * the picture moves.
  * @param {any} frame of the response @param {boolean} isExact
  */
-export function drawNotes(frame, isExact) {
-  if (!frame || !isExact) {
-    return;
+export function takeNotes(frame, isExact) {
+  if (frame && isExact) {
+    serverNotes = { of: notedNow(), notes: frame.notes ?? [] };
+    drawNotes();
   }
+}
+
+let notesDrawn = '';
+/** Shows why surfaces do not show: at once where the isovalue is beyond the samples, else as the server says. */
+export function drawNotes() {
   const { surfaces = [], selection } = shown.state;
-  const notes = (frame.notes ?? []).filter((/** @type {any} */ note) => {
-    const surface = surfaces[note.surfaceIndex ?? 0];
-    return !surface || !isNothing(surface, finiteRangeOf(shown.dataset, selection));
+  const range = finiteRangeOf(shown.dataset, selection);
+  const unit = choiceOf(shown.dataset, selection)?.field.unit;
+  /** @type {Map<number, string>} */
+  const beyond = new Map();
+  surfaces.forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
+    const why = isOfLabels(surface) ? '' : whyBeyond(surface.isovalue ?? 0, range, unit);
+    if (why) {
+      beyond.set(i, why);
+    }
   });
-  const text = notes.map((/** @type {any} */ { message }) => message).join('\n');
+  const others = serverNotes.of !== notedNow() ? [] : serverNotes.notes.filter((/** @type {any} */ { surfaceIndex = 0 }) => {
+    const surface = surfaces[surfaceIndex];
+    return !beyond.has(surfaceIndex) && (!surface || !isNothing(surface, range));
+  }).map((/** @type {any} */ { message }) => message);
+  const text = [...beyond.values(), ...others].join('\n');
   if (text !== notesDrawn) {
     notesDrawn = text;
     page.notes.textContent = text;

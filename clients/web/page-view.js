@@ -5,39 +5,58 @@
 // @ts-check
 
 import { Client, lengthUnitOf, mount } from './isoscope-view.js';
-import { stateFromHash } from './view-state.js';
+import { stateFromHash, tokenOfHash, withoutToken } from './view-state.js';
 import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
 import { byId } from './elements.js';
 import { announcer } from './messages.js';
-import { BACKGROUNDS, fromHex, toHex } from './values.js';
+import { BACKGROUNDS, fromHex, paintedApart, toHex } from './values.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
+const TOKEN_KEY = `isoscope-token ${new URL('./', document.baseURI).pathname}`;
+
 /**
- * Removes the token from the address, so that no link and no screenshot shows it, and keeps it for
- * reloads of this tab. It is not stored as a cookie: browsers send those to every port of a host,
+ * Keeps the token for reloads of this tab. It is not stored as a cookie: browsers send those to every port of a host,
  * and other users may listen there.
+ * @param {string} token
  */
-function takeToken() {
-  const address = new URL(location.href);
-  const given = address.searchParams.get('token') ?? '';
-  const key = `isoscope-token ${new URL('./', document.baseURI).pathname}`;
-  if (address.searchParams.has('token')) {
-    address.searchParams.delete('token');
-    history.replaceState(null, '', address);
-  }
+function keepToken(token) {
   try {
-    if (given) {
-      sessionStorage.setItem(key, given);
-    }
-    return given || (sessionStorage.getItem(key) ?? '');
+    sessionStorage.setItem(TOKEN_KEY, token);
   } catch {
-    return given;  // the browser stores nothing for pages
+    // The browser stores nothing for pages.
   }
 }
 
-const token = takeToken();
+function keptToken() {
+  try {
+    return sessionStorage.getItem(TOKEN_KEY) ?? '';
+  } catch {
+    return '';
+  }
+}
+
+/**
+ * Removes the token from the address, so that no screenshot and no link but one with access shows it. It is after '?'
+ * in addresses that servers print, and after '#' in links with access, which no server and no log sees.
+ * @returns {string} '' if there is none
+ */
+function takeToken() {
+  const address = new URL(location.href);
+  const given = address.searchParams.get('token') ?? tokenOfHash(address.hash);
+  if (address.searchParams.has('token') || tokenOfHash(address.hash)) {
+    address.searchParams.delete('token');
+    address.hash = withoutToken(address.hash);
+    history.replaceState(null, '', address);
+  }
+  if (given) {
+    keepToken(given);
+  }
+  return given;
+}
+
+const token = takeToken() || keptToken();
 export const client = new Client('', token);
 const query = new URLSearchParams(location.search);
 /** @type {any} */
@@ -80,11 +99,27 @@ export const start = stateOfAddress();
 
 export const shown = mount(byId('view', HTMLElement), { renderer,
   // Without colours that only the dataset knows, `open` sets it later.
-  state: start.state.surfaces && !start.state.surfaces.some(needsColor) ? start.state : undefined,
-  maxSide: Number(query.get('max-side')) || 2048, token, announce: (sentence) => announcer.say(sentence) });
+  state: start.state.surfaces && !start.state.surfaces.some(needsColor) &&
+    paintedApart(start.state.surfaces).every((/** @type {any} */ one, /** @type {number} */ i) => one === start.state.surfaces[i]) ? start.state : undefined,
+  maxSide: Number(query.get('max-side')) || undefined, token, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };
+
+/** @param {string} given from now on */
+export function setToken(given) {
+  keepToken(given);
+  client.token = given;
+  shown.setToken(given);
+}
+
+/** Takes the token of a link with access that was opened in this page. */
+export function takeTokenAgain() {
+  const given = takeToken();
+  if (given && given !== client.token) {
+    setToken(given);
+  }
+}
 
 /** @param {FrameRequest} part @param {boolean} [isMoving] */
 export function change(part, isMoving = false) {

@@ -10,21 +10,25 @@
 // @ts-check
 
 import { drawClip, listenToClip } from './clip.js';
-import { listenToColorRanges, offerColorRanges, takeCapsColoring } from './color-ranges.js';
+import { abilities, loadAbilities } from './abilities.js';
+import { listenToCapWindow, takeCapsColoring } from './cap-window.js';
 import { addCost, watchAgents } from './cost.js';
+import { closeDoor, isDoorClosed, listenToDoor } from './door.js';
 import { listenToDownloads } from './downloads.js';
 import { byId, make, page, quietly } from './elements.js';
+import { listenToHelp } from './help.js';
 import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, suggestedIsovalue } from './histogram.js';
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
 import { withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
-import { drawLegend, drawLook, drawNotes, listenToLook } from './look.js';
-import { say } from './messages.js';
-import { client, drawControlsBy, redraw, shown, start, stateOfAddress, theme } from './page-view.js';
-import { clearPoints, listenToPoints } from './points.js';
+import { drawLegend, drawLook, drawNotes, listenToLook, takeNotes } from './look.js';
+import { announcer, say } from './messages.js';
+import { client, drawControlsBy, redraw, shown, start, stateOfAddress, takeTokenAgain, theme } from './page-view.js';
+import { clearPoints, drawPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
-import { BACKGROUNDS, PALETTE, format, fromHex } from './values.js';
+import { listenToUndo } from './undo-controls.js';
+import { BACKGROUNDS, PALETTE, format, fromHex, paintedApart } from './values.js';
 import { stateToHash } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
@@ -63,6 +67,7 @@ shown.addEventListener('state', () => {
   }, 250);
 });
 window.addEventListener('hashchange', () => {
+  takeTokenAgain();
   const { state, problems } = stateOfAddress();
   if (stateToHash(state) !== stateToHash(shown.getState())) {
     open(state, problems);
@@ -73,8 +78,6 @@ window.addEventListener('hashchange', () => {
 
 /** @type {any[]} */
 let datasets = [];
-/** Whether the coordinator tells why surfaces do not show; older ones refuse the question. */
-let hasNotes = false;
 
 /** @param {any} dataset */
 function factsOf(dataset) {
@@ -96,23 +99,70 @@ function labelOf(name, datasets) {
   return datasets.filter((other) => short(other.name) === short(name)).length > 1 ? name : short(name);
 }
 
+function drawDatasets() {
+  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
+}
+
+let isLoading = false;
 async function loadDatasets() {
-  try {
-    // A gateway that does not know its coordinator's abilities still shows pictures.
-    const abilities = client.get('v1/capabilities').catch(() => ({}));
-    datasets = (await client.get('v1/datasets')).datasets ?? [];
-    const features = (await abilities).features ?? [];
-    hasNotes = features.includes('notes');
-    offerColorRanges(features.includes('color_ranges'));
-  } catch (error) {
-    say(/** @type {Error} */ (error).message, true);
+  if (isLoading) {
     return;
+  }
+  isLoading = true;
+  try {
+    const asked = loadAbilities();
+    datasets = (await client.get('v1/datasets')).datasets ?? [];
+    await asked;
+  } catch (error) {
+    const { status, message } = /** @type {Error & {status: number}} */ (error);
+    if (status === 401) {
+      closeDoor();
+    } else {
+      say(message, true);
+    }
+    return;
+  } finally {
+    isLoading = false;
   }
   if (datasets.length === 0) {
     say('The server has no dataset yet. Start an agent with one: isoscope partition head.nii.gz, then isoscope serve head.', true);
   }
-  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
+  drawDatasets();
   open(stateOfAddress().state, start.problems);
+}
+
+/**
+ * @param {string} name or id; a dataset that has come since is asked for
+ * @returns {Promise<any>} null if there is none
+ */
+async function datasetOf(name) {
+  const known = datasets.find((one) => one.name === name || one.datasetId === name);
+  if (known) {
+    return known;
+  }
+  const come = await client.get(`v1/datasets/${encodeURIComponent(name)}`).catch(() => null);
+  if (come && !datasets.some((one) => one.name === come.name)) {
+    datasets.push(come);
+    drawDatasets();
+  }
+  return come;
+}
+
+/**
+ * Offers the datasets that there are in place of one of a link. What the link shows is kept where the names say that
+ * it is the same volume.
+ * @param {FrameRequest} state of the link
+ */
+function offer(state) {
+  const wanted = state.dataset ?? '';
+  const short = (/** @type {string} */ name) => name.toLowerCase().replace(/-[0-9a-f]{16}$/, '');
+  const sentence = `There is no dataset “${wanted.slice(0, 100)}” here. There ${datasets.length === 1 ? 'is' : 'are'}:`;
+  page.choice.hidden = false;
+  page.choice.replaceChildren(make('p', {}, sentence), make('ul', {}, ...datasets.map(({ name }) => make('li', {},
+    make('button', { className: 'button', title: name, onclick: () => {
+      open(short(name) === short(wanted) ? { ...state, dataset: name } : { dataset: name }, []);
+    } }, labelOf(name, datasets))))));
+  announcer.say(sentence);
 }
 
 /**
@@ -121,28 +171,30 @@ async function loadDatasets() {
  * @param {FrameRequest} state @param {string[]} problems
  */
 async function open(state, problems) {
-  const dataset = datasets.find((one) => one.name === state.dataset) ?? (state.dataset ? null : datasets[0]);
+  const dataset = state.dataset ? await datasetOf(state.dataset) : datasets[0] ?? null;
   const wrong = [...problems, ...(dataset ? withoutFields(state, dataset) : [])];
   if (wrong.length > 0) {
     say(wrong.slice(0, 3).join('\n'), true);
   }
   if (!dataset) {
-    if (state.dataset) {
-      shown.setState({ surfaces: [{ isovalue: 0 }], ...state });
+    if (state.dataset && datasets.length > 0) {
+      offer(state);
     }
     return;
   }
+  page.choice.hidden = true;
   page.dataset.value = dataset.name;
   document.title = `${dataset.name} · Isoscope`;
   await loadHistogram(dataset, state.selection);
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
   filled.surfaces ??= [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
-  filled.surfaces = withColors(filled.surfaces, dataset);
+  filled.surfaces = paintedApart(withColors(filled.surfaces, dataset));
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
-  shown.setState({ ...filled, ...(hasNotes ? { withNotes: true } : {}) });
+  // Older coordinators refuse the question.
+  shown.setState({ ...filled, ...(abilities.features.includes('notes') ? { withNotes: true } : {}) });
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -156,7 +208,7 @@ function drawViews() {
     viewsDrawn = names.join();
     page.views.replaceChildren(...names.map((name, i) => make('button', { title: `Look from the side “${name}” (key ${i + 1})`,
       'data-view': name, onclick: () => shown.lookFrom(name) }, name[0].toUpperCase() + name.slice(1))),
-    make('button', { title: 'Show all of it (key 0)', onclick: () => shown.reset() }, 'Fit'));
+    make('button', { title: 'Show all of it (key 0)', 'data-view': 'fit', onclick: () => shown.reset() }, 'Fit'));
   }
 }
 
@@ -165,11 +217,14 @@ function drawControls() {
     page.facts.textContent = factsOf(shown.dataset);
   }
   series.draw();
+  byId('stage', HTMLElement).classList.toggle('has-time', !byId('timeline', HTMLElement).hidden);
   followHistogram(series.isPlaying);
   drawHistogram();
   drawSurfaces();
   drawLabels();
   drawLook();
+  drawNotes();
+  drawPoints();
   drawClip();
   drawViews();
 }
@@ -198,7 +253,7 @@ shown.addEventListener('frame', (event) => {
   }
   drawLegend(header.frame);
   takeCapsColoring(header.frame);
-  drawNotes(header.frame, Boolean(header.isExact));
+  takeNotes(header.frame, Boolean(header.isExact));
   series.frameShown(header.frame);
   pillChanged();
 });
@@ -214,7 +269,7 @@ const quietPill = quietly(drawPill);
 let pillKind = '';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
-  const kind = !shown.loop.connection.isOpen ? 'closed' : shown.isExact ? 'exact' : 'moving';
+  const kind = !shown.loop.connection.isOpen ? 'closed' : !shown.isExact ? 'moving' : shown.isScaled ? 'scaled' : 'exact';
   if (kind !== pillKind) {
     pillKind = kind;
     drawPill();
@@ -224,12 +279,13 @@ function pillChanged() {
 }
 function drawPill() {
   const stats = shown.stats();
-  const kind = !stats.isConnected ? 'closed' : stats.isExact ? 'exact' : 'moving';
+  // Exact are only the pixels of the server.
+  const kind = !stats.isConnected ? 'closed' : !stats.isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact';
   page.state.className = `pill ${kind}`;
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
-    : `moving${rate}${latency}`;
+    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : `moving${rate}${latency}`;
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {
     label.textContent = text;
@@ -241,9 +297,19 @@ listenToHistogram();
 listenToLabels();
 listenToLook();
 listenToClip();
-listenToColorRanges(series);
+listenToCapWindow();
 listenToPoints(series);
 listenToDownloads(series);
 loadDatasets();
-whileShown(watchAgents, 5000);
-whileShown(watchSteps, 5000);
+listenToHelp();
+listenToUndo((state) => {
+  series.rest();
+  if (state.dataset === shown.state.dataset) {
+    shown.setState(state);
+  } else {
+    open(state, []);
+  }
+}, () => series.isPlaying);
+listenToDoor(() => datasets.length === 0 && loadDatasets());
+whileShown(() => isDoorClosed() || watchAgents(), 5000);
+whileShown(() => isDoorClosed() || watchSteps(), 5000);

@@ -1,26 +1,43 @@
-// Picked points: at most two, pins in the picture, their figures and their distance.
+// Picked points: at most two, pins in the picture, their figures and their distance. A point of another isovalue or
+// step than those that are shown fades.
 // @ts-check
 
-import { make, page } from './elements.js';
+import { byId, make, page } from './elements.js';
+import { makeMovable } from './floating.js';
 import { boxOfDataset } from './isoscope-view.js';
-import { announcer, say } from './messages.js';
+import { announcer, copy, say } from './messages.js';
 import { client, shown, unit } from './page-view.js';
+import { csvOf, figuresOf, textOfLabel } from './point-figures.js';
 import { hasAllFields, valuesOf } from './series.js';
 import { format, formatAt } from './values.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 /** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
-/** @typedef {{position: Vec3, isovalue: number, point: any}} Pick */
+/** @typedef {import('./point-figures.js').Pick} Pick */
 
 /** @type {Pick[]} */
 let picks = [];
+/**
+ * The surfaces and the step that are shown, as `of` of picks names them.
+ * @type {() => string[]}
+ */
+let shownNow = () => [];
+
+/**
+ * What a point lies on.
+ * @param {any} surface @param {number | undefined} label @param {string} step
+ */
+const nameOf = (surface, label, step) => `${label === undefined ? `isovalue ${surface?.isovalue ?? 0}` : `label ${label}`} at ${step}`;
 
 /** @param {import('./series.js').SeriesControls} series */
 export function listenToPoints(series) {
+  shownNow = () => (shown.state.surfaces ?? []).flatMap((/** @type {any} */ surface) =>
+    (surface.labels ?? [undefined]).map((/** @type {number | undefined} */ label) => nameOf(surface, label, series.stepKey)));
   shown.addEventListener('click', async (event) => {
     const { x, y, width, height } = /** @type {CustomEvent} */ (event).detail;
     /** @type {FrameRequest} */
     const frame = { ...series.pinned(shown.getState()), viewport: { widthPx: width, heightPx: height } };
+    const step = series.stepKey;
     try {
       const request = { frame, pixels: [{ x, y }], ...(hasAllFields(shown.dataset, frame.selection) ? { withFieldValues: true } : {}) };
       const response = await client.post(`v1/datasets/${encodeURIComponent(frame.dataset ?? '')}/pick`, request);
@@ -29,8 +46,9 @@ export function listenToPoints(series) {
         picks = [];
       } else {
         const { position = {} } = point;
+        const surface = frame.surfaces?.[point.surfaceIndex ?? 0];
         picks = [...picks.slice(-1), { position: [position.x ?? 0, position.y ?? 0, position.z ?? 0],
-          isovalue: frame.surfaces?.[point.surfaceIndex ?? 0]?.isovalue ?? 0, point }];
+          isovalue: surface?.isovalue ?? 0, point, selection: frame.selection, of: nameOf(surface, point.label, step) }];
       }
       drawPoints();
       announcer.say(sentenceOfPicks());
@@ -38,6 +56,9 @@ export function listenToPoints(series) {
       say(`Nothing picked: ${/** @type {Error} */ (error).message}`, true);
     }
   });
+  makeMovable(page.points, byId('points-handle', HTMLElement));
+  byId('points-clear', HTMLElement).onclick = clearPoints;
+  byId('points-copy', HTMLElement).onclick = () => copy(csvOf(picks, shown.dataset), 'The points are copied as a table (CSV).');
 }
 
 /**
@@ -59,12 +80,6 @@ function distanceOfPicks() {
   return `${format(Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 5)}${unit()}`;
 }
 
-/**
- * "left lung (3)".
- * @param {any} point
- */
-const textOfLabel = ({ label, labelName }) => labelName ? `${labelName} (${label})` : String(label);
-
 /** The newest point, for screen readers. */
 function sentenceOfPicks() {
   const pick = picks.at(-1);
@@ -81,24 +96,21 @@ export function clearPoints() {
   drawPoints();
 }
 
-function drawPoints() {
-  shown.setPins(picks.map((pick, i) => ({ position: pick.position, label: 'AB'[i] })));
-  page.points.hidden = picks.length === 0;
-  const rows = picks.flatMap((pick, i) => {
-    const { normal, gradient, blockId, shardIndex } = pick.point;
-    const steepness = gradient ? Math.hypot(gradient.x ?? 0, gradient.y ?? 0, gradient.z ?? 0) : null;
-    return [make('h3', {}, `Point ${'AB'[i]}`, ...(i === 0 ? [make('button', { className: 'small', onclick: clearPoints }, 'Clear')] : [])),
-      make('dl', {}, make('dt', {}, 'position'), make('dd', { className: 'position' }, textsOf(pick.position).join(', ')),
-        ...(pick.point.label === undefined ? [make('dt', {}, 'value'), make('dd', {}, format(pick.isovalue))]
-          : [make('dt', {}, 'label'), make('dd', { className: 'label' }, textOfLabel(pick.point))]),
-        ...valuesOf(pick.point, shown.dataset, format).flatMap(({ name, text }) => [make('dt', { className: 'field' }, name), make('dd', {}, text)]),
-        ...(normal ? [make('dt', {}, 'normal'), make('dd', {}, ['x', 'y', 'z'].map((axis) => (normal[axis] ?? 0).toFixed(3)).join(', '))] : []),
-        ...(steepness !== null ? [make('dt', {}, 'gradient'), make('dd', {}, format(steepness, 4))] : []),
-        make('dt', {}, 'block'), make('dd', {}, `${blockId ?? 0}${shardIndex === undefined ? '' : ` of shard ${shardIndex}`}`))];
-  });
+let pointsDrawn = '';
+export function drawPoints() {
+  const now = shownNow();
+  const points = picks.map((pick, i) => ({ name: 'AB'[i], isStale: !now.includes(pick.of), figures: figuresOf(pick, shown.dataset, textsOf) }));
   const distance = distanceOfPicks();
-  if (distance) {
-    rows.push(make('div', { className: 'distance' }, make('span', {}, 'A to B'), make('span', {}, distance)));
+  const words = JSON.stringify([points, picks.map(({ position }) => position), distance]);
+  if (words === pointsDrawn) {
+    return;
   }
-  page.points.replaceChildren(...rows);
+  pointsDrawn = words;
+  shown.setPins(picks.map(({ position }, i) => ({ position, label: points[i].name, isStale: points[i].isStale })));
+  page.points.hidden = picks.length === 0;
+  byId('points-list', HTMLElement).replaceChildren(...points.map(({ name, isStale, figures }) => make('section', { className: isStale ? 'stale' : '',
+    ...(isStale ? { title: 'This point lies on an isovalue or a step that is not shown now.' } : {}) },
+  make('h3', {}, `Point ${name}`), make('dl', {}, ...figures.flatMap((one) => [make('dt', { className: one.className }, one.name),
+    make('dd', { className: one.className }, one.text)])))),
+  ...(distance ? [make('div', { className: 'distance' }, make('span', {}, 'A to B'), make('span', {}, distance))] : []));
 }

@@ -7,6 +7,7 @@
 // Steps have numbers, which never change; the slider counts the steps that are served of the field.
 // @ts-check
 
+import { axisNamesOf } from './isoscope-view.js';
 import { toHex } from './values.js';
 import { fieldToWord, quantityFromJson } from './view-state.js';
 
@@ -80,6 +81,17 @@ export function histogramWords(dataset, selection) {
   const step = steps[indexOfStep(steps, selection)];
   return `&${new URLSearchParams({ field: choice.field.name, ...(choice.component.name ? { component: choice.component.name } : {}),
     ...(step ? { step: String(step.number) } : {}) })}`;
+}
+
+/**
+ * The range of the samples that a histogram has counted, to the width of its bins, within the range of all steps.
+ * @param {any} histogram a GetHistogramResponse @param {{min: number, max: number} | null} whole
+ * @returns {{min: number, max: number} | null} null if no samples were counted
+ */
+export function rangeOfBins({ bins = [], hasSampleCounts = false }, whole) {
+  const filled = hasSampleCounts ? bins.filter((/** @type {any} */ { sampleCount = 0 }) => Number(sampleCount) > 0) : [];
+  return filled.length === 0 ? null : { min: Math.max(Number(filled[0].min ?? 0), whole?.min ?? -Infinity),
+    max: Math.min(Number(filled.at(-1).max ?? 0), whole?.max ?? Infinity) };
 }
 
 /**
@@ -227,6 +239,12 @@ export class SeriesControls {
     return stepsOf(this.view.dataset, this.choice?.field);
   }
 
+  /** The scalar and the step that the state means, as one word. */
+  get stepKey() {
+    const { steps } = this;
+    return `${this.choice?.word ?? ''}@${steps[indexOfStep(steps, this.view.state.selection)]?.number ?? ''}`;
+  }
+
   get isPlaying() {
     return this.player.isPlaying;
   }
@@ -347,6 +365,11 @@ export class SeriesControls {
     this.draw();
   }
 
+  /** Ends a play. */
+  rest() {
+    this.player.stop();
+  }
+
   /** @param {number} delta */
   step(delta) {
     this.player.stop();
@@ -436,5 +459,5 @@ export function titleOfColoring(colorBy, dataset) {
     return choiceOf(dataset, colorBy)?.label ?? fieldToWord(colorBy);
   }
   const quantity = quantityFromJson(colorBy.quantity);
-  return quantity === 'gradient' ? quantity : `position ${quantity}`;
+  return quantity === 'gradient' ? quantity : `position ${axisNamesOf(dataset)['xyz'.indexOf(quantity)]}`;
 }

@@ -25,25 +25,72 @@ export const fromHex = (hex, alpha = 1) => {
   const channel = (at) => Math.round(parseInt(hex.slice(at, at + 2), 16) / 255 * 1e4) / 1e4;
   return { red: channel(1), green: channel(3), blue: channel(5), alpha };
 };
-export const PALETTE = ['#dcc8b4', '#f2e9d8', '#c46a5a', '#6aa3d5', '#8cc08a', '#c9a0dc', '#e5b567', '#7fc4bd'];
+/** Of surfaces of isovalues, in this order: bone, then colours that colour-blind people tell apart (Okabe and Ito 2008). */
+export const PALETTE = ['#dcc8b4', '#56b4e9', '#d55e00', '#009e73', '#cc79a7', '#f0e442', '#0072b2', '#e69f00'];
+
+/**
+ * The first colour of the row that none of these has; once all are used, it begins anew.
+ * @param {string[]} used
+ */
+export const nextColor = (used) => PALETTE.find((one) => !used.includes(one)) ?? PALETTE[used.length % PALETTE.length];
+
+/**
+ * Gives each surface of an isovalue that has no colour one of its own, so that they are told apart; the first one needs none.
+ * @param {any[]} surfaces @returns {any[]}
+ */
+export function paintedApart(surfaces) {
+  const used = surfaces.filter(({ color }) => color).map(({ color }) => toHex(color));
+  return surfaces.map((surface) => {
+    if (surface.color || (surface.labels ?? []).length > 0) {
+      return surface;
+    }
+    const color = nextColor(used);
+    used.push(color);
+    // The first of the row is about the server's own.
+    return color === PALETTE[0] ? surface : { ...surface, color: fromHex(color) };
+  });
+}
+
+/**
+ * Rounds a value to so many digits of a range: to 0.1 in a range of 255, to 1 in one of 4095.
+ * @param {number} value @param {number} span of the range; without one, digits of the value count
+ * @param {number} [digits]
+ */
+export function tidy(value, span, digits = 4) {
+  const decimals = digits - 1 - Math.floor(Math.log10(span));
+  if (!Number.isFinite(decimals) || decimals > 100) {
+    return Number(value.toPrecision(digits));
+  }
+  const step = 10 ** -decimals;
+  return decimals >= 0 ? Number(value.toFixed(decimals)) : Math.round(value / step) * step;
+}
+
+/**
+ * The least range with few digits around another one.
+ * @param {{min: number, max: number}} range
+ */
+export function tidyRange({ min, max }) {
+  const span = max - min;
+  const step = 10 ** (Math.floor(Math.log10(span)) - 3);
+  const [low, high] = [tidy(min, span), tidy(max, span)];
+  return span > 0 ? { min: low > min ? tidy(low - step, span) : low, max: high < max ? tidy(high + step, span) : high } : { min, max };
+}
 export const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
+
+/**
+ * Why an isovalue has no surface, where that is seen by the range of the samples; '' if it may have one.
+ * @param {number} isovalue @param {{min?: number, max?: number} | undefined} range @param {string} [unit]
+ */
+export function whyBeyond(isovalue, range, unit = '') {
+  const [min, max] = [Number(range?.min ?? 0), Number(range?.max ?? 0)];
+  if (!range || isovalue > min && isovalue <= max) {
+    return '';
+  }
+  return `Isovalue ${format(isovalue)} has no surface: the samples are from ${format(min)} to ${`${format(max)} ${unit}`.trimEnd()}.`;
+}
 
 /** @param {number} share */
 export const percent = (share) => `${Math.round(100 * share)} %`;
 
 /** @param {number} value */
 export const format12 = (value) => String(Number(value.toPrecision(12)));
-
-/**
- * A range with few digits that holds all of [min, max]: at most a hundredth longer.
- * @param {number} min @param {number} max
- */
-export function outwards(min, max) {
-  const step = max > min ? 10 ** Math.floor(Math.log10((max - min) / 200)) : 0;
-  if (!(step > 0) || !Number.isFinite(max - min)) {
-    return { min, max };
-  }
-  /** @param {number} steps */
-  const digits = (steps) => Number((steps * step).toPrecision(12));
-  return { min: digits(Math.floor(min / step)), max: digits(Math.ceil(max / step)) };
-}

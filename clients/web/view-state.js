@@ -163,22 +163,73 @@ export function stateToHash(state) {
     `${name}=${encodeURIComponent(value).replace(/%2C/g, ',').replace(/%3A/g, ':')}`).join('&');
 }
 
-/** Its reader knows the coordinator's address, the page does not. */
-const COMMAND = 'isoscope render --server HOST:50051';
+/**
+ * The token of a link with access: a word that no state has. '' without one.
+ * @param {string} hash
+ */
+export const tokenOfHash = (hash) => new URLSearchParams(hash.replace(/^#/, '').replaceAll('+', '%2B')).get('token') ?? '';
+
+/**
+ * The token of what people paste: alone, or in an address.
+ * @param {string} text
+ */
+export function tokenOfText(text) {
+  const [, word] = /[?&#]token=([^&#\s]*)/.exec(text) ?? [];
+  try {
+    return word === undefined ? text.trim() : decodeURIComponent(word);
+  } catch {
+    return word;
+  }
+}
+
+/**
+ * The same link without it, in its very letters.
+ * @param {string} hash
+ */
+export const withoutToken = (hash) => hash.replace(/^#/, '').split('&').filter((word) => !word.startsWith('token=')).join('&');
+
+/** @param {string} value as a shell takes it */
+const quoted = (value) => /^[\w.,:+/-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`;
+
+/**
+ * What the command reads: the file that `isoscope view` was given, else a server. Its reader knows the coordinator's
+ * address and the file of its token, the page does not.
+ * @param {{file?: string, hasToken?: boolean}} source
+ */
+const inputWords = ({ file, hasToken }) => file ? [`isoscope render ${quoted(file.startsWith('-') ? `./${file}` : file)}`]
+  : ['isoscope render --server HOST:50051', ...(hasToken ? ['--token-file TOKEN_FILE'] : [])];
+
+/**
+ * The file of a dataset that a command can read in place of a server: that of `isoscope view`, whose coordinator names
+ * this very page, on this machine. '' where a server may be far away.
+ * @param {any} dataset @param {string} gatewayAddress of the coordinator @param {string} pageAddress
+ */
+export function fileOf(dataset, gatewayAddress, pageAddress) {
+  try {
+    const [told, page] = [new URL(gatewayAddress), new URL('./', pageAddress)];
+    const isOwn = told.href === page.href && /^(127\.\d+\.\d+\.\d+|localhost|\[::1\])$/.test(page.hostname);
+    return isOwn ? String(dataset?.source ?? '') : '';
+  } catch {
+    return '';  // the coordinator names no page
+  }
+}
 
 /**
  * Returns the command that draws the same picture. A fitted view has its own camera once the server
  * has answered. Until then the command has the initial camera, because it takes no fit with a
  * camera.
  * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
+ * @param {{file?: string, hasToken?: boolean}} [source] `file` in place of a server and its dataset
  */
-export function stateToCommand(state, file, size) {
-  const flags = stateToWords(state.camera ? { ...state, cameraFit: undefined } : state).map(([name, value]) =>
-    value === '' ? `--${name}` : `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
+export function stateToCommand(state, file, size, source = {}) {
+  const { dataset, ...rest } = state;
+  const whole = source.file ? rest : { dataset, ...rest };
+  const flags = stateToWords(state.camera ? { ...whole, cameraFit: undefined } : whole).map(([name, value]) =>
+    value === '' ? `--${name}` : `--${name} ${quoted(value)}`);
   if (size) {
     flags.push(`--width ${size.width}`, `--height ${size.height}`);
   }
-  return [COMMAND, ...flags, `--output ${file}`].join(' \\\n  ');
+  return [...inputWords(source), ...flags, `--output ${file}`].join(' \\\n  ');
 }
 
 /** A link that is read: its state so far, and a sentence for each part that is wrong and left out. */

@@ -6,11 +6,17 @@
 // | connecting   | closed, or 2 s are over | by transport, if there is one; else waiting         |
 // | open         | closed                  | waiting: 0.5 s, twice as long each time, up to 8 s  |
 // | waiting      | the time is over        | connecting, once the tab is shown                   |
+// | waiting      | HTTP answers 401        | refused: nothing is tried until `again`             |
 // | by transport | closed                  | by transport: it has no end but `end`               |
 // @ts-check
 
 import { untilShown } from './tab.js';
 import { startWorker } from './worker.js';
+
+/** The code of a WebSocket that the server ends for what the client has sent, such as its token. */
+const POLICY_VIOLATION = 1008;
+/** So long a gateway may take to say why it refused a WebSocket, before the loss is told, in milliseconds. */
+const REASON_MS = 300;
 
 /** @typedef {import('./client.js').Client} Client */
 /** @typedef {import('./notices.js').Notices} Notices */
@@ -36,6 +42,7 @@ export class Connection {
   #isByTransport = false;
   #isEnded = false;
   #wasOpen = false;
+  #isRefused = false;
   /** The sentence of the lost connection, until there is one again. */
   #lost = '';
   /** @type {Record<string, ReturnType<typeof setTimeout> | undefined>} */
@@ -44,8 +51,9 @@ export class Connection {
   /**
    * @param {Client} client @param {Notices} notices
    * @param {{transport?: Transport, isTransportFirst: boolean}} way which is tried first
-   * @param {{status: (kind: string, sentence: string) => void, opened: (isAgain: boolean) => void, closed: () => void,
-   *   message: (message: any) => void}} on what happens; `message` gets frame, dropped and bad of the worker
+   * @param {{status: (kind: string, sentence: string) => boolean, opened: (isAgain: boolean) => void, closed: () => void,
+   *   message: (message: any) => void}} on what happens; `status` says false if somebody else tells it; `message` gets
+   *   frame, dropped and bad of the worker
    */
   constructor(client, notices, { transport, isTransportFirst }, on) {
     this.#client = client;
@@ -89,6 +97,14 @@ export class Connection {
     }, 2000);
   }
 
+  /** Tries at once, with the client's token of now: also after a refusal. */
+  again() {
+    this.#isRefused = false;
+    this.attempt = 0;
+    clearTimeout(this.#timers.retry);
+    this.connect();
+  }
+
   /** @param {string} text */
   send(text) {
     this.#worker.post({ kind: 'send', text });
@@ -120,7 +136,7 @@ export class Connection {
     }
     switch (message.kind) {
       case 'open': this.#opened(); break;
-      case 'closed': this.#closed(message.reason); break;
+      case 'closed': this.#closed(message.code, message.reason); break;
       case 'outgoing':
         if (this.#isByTransport) {
           this.#transport?.send(message.text);
@@ -140,6 +156,7 @@ export class Connection {
 
   #opened() {
     clearTimeout(this.#timers.open);
+    clearTimeout(this.#timers.tell);
     const isAgain = this.#wasOpen;
     // A connection that soon ends again is retried at increasing intervals.
     clearTimeout(this.#timers.steady);
@@ -155,9 +172,9 @@ export class Connection {
     this.#on.opened(isAgain);
   }
 
-  /** @param {string} reason */
-  #closed(reason) {
-    if (this.#isByTransport) {
+  /** @param {number} code of the WebSocket @param {string} reason */
+  #closed(code, reason) {
+    if (this.#isByTransport || this.#isRefused) {
       return;
     }
     if (this.#transport && !this.#wasOpen) {
@@ -175,30 +192,61 @@ export class Connection {
         : `No connection to ${this.#client.socketAddress}. Is isoscope-gateway (or \`isoscope ` +
           'view`) running there, and does a proxy in between pass WebSocket connections on?';
     const sentence = `${loss} Trying again in ${seconds} s.`;
-    this.#notices.show(sentence, 'error');
-    if (!this.#lost) {  // once, however often the connection is tried
-      this.#lost = loss;
-      this.#notices.announce(loss);
-    }
     this.#on.status('closed', sentence);
-    if (!reason && !this.#wasOpen) {
+    clearTimeout(this.#timers.tell);
+    if (reason && code !== POLICY_VIOLATION) {
+      this.#tellLoss(loss, sentence);
+    } else {
+      this.#timers.tell = setTimeout(() => this.#tellLoss(loss, sentence), REASON_MS);
       this.#askWhy();
     }
     clearTimeout(this.#timers.retry);
     this.#timers.retry = setTimeout(() => this.connect(), 1000 * seconds * (0.85 + 0.3 * Math.random()));
   }
 
-  /** A browser does not tell why a WebSocket was refused. The same gateway says over HTTP if the token is missing. */
+  /** @param {string} loss @param {string} sentence the same, with the time of the next attempt */
+  #tellLoss(loss, sentence) {
+    this.#notices.show(sentence, 'error');
+    if (!this.#lost) {  // once, however often the connection is tried
+      this.#lost = loss;
+      this.#notices.announce(loss);
+    }
+  }
+
+  /** A browser does not tell why a WebSocket was refused. The same gateway says over HTTP if the token is wrong. */
   async #askWhy() {
     await untilShown();
     try {
       await this.#client.requestOnce('v1/capabilities');
     } catch (error) {
       const { status, message } = /** @type {Error & {status?: number}} */ (error);
-      if ((status === 401 || status === 403) && !this.isOpen && !this.#isEnded) {
-        this.#notices.show(message, 'error');
-        this.#notices.announce(message);
+      if (this.isOpen || this.#isEnded || this.#isRefused) {
+        return;
       }
+      if (status === 401) {
+        this.#refuse(message);
+      } else if (status === 403) {
+        clearTimeout(this.#timers.tell);
+        this.#tellLoss(message, message);
+      }
+    }
+  }
+
+  /**
+   * Another attempt with the same token would be refused, too.
+   * @param {string} sentence
+   */
+  #refuse(sentence) {
+    this.#isRefused = true;
+    clearTimeout(this.#timers.retry);
+    clearTimeout(this.#timers.tell);
+    clearTimeout(this.#timers.open);
+    this.#lost = '';
+    if (this.#on.status('refused', sentence)) {
+      this.#notices.show(sentence, 'error');
+      this.#notices.announce(sentence);
+    } else {
+      this.#notices.clear();
     }
   }
 }

@@ -11,11 +11,12 @@ const STYLE = `
 .view:focus-visible { box-shadow: inset 0 0 0 2px #6aa8ff; }
 canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
 canvas.plain { object-fit: contain; }
+canvas.whole { image-rendering: pixelated; }
 canvas.overlay { pointer-events: none; }
 canvas.axes { inset: auto auto 0 0; width: ${AXES_PX}px; height: ${AXES_PX}px; }
 canvas.scale-bar { inset: auto 20px 20px auto; width: ${SCALE_BAR_PX + 24}px; height: 38px; }
 canvas[hidden] { display: none; }
-.notice { position: absolute; left: 50%; bottom: 26px; transform: translateX(-50%); box-sizing: border-box;
+.notice { position: absolute; left: 50%; bottom: var(--isoscope-notice-bottom, 26px); transform: translateX(-50%); box-sizing: border-box;
   width: max-content; max-width: min(620px, calc(100% - 32px)); padding: 10px 16px; border-radius: 10px;
   font: 14px/1.45 system-ui, sans-serif; color: #e6ecf5; background: rgba(22, 28, 38, .92);
   border: 1px solid rgba(255, 255, 255, .14); box-shadow: 0 8px 30px rgba(0, 0, 0, .35);

@@ -22,6 +22,8 @@ const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEE
   'INTERNAL', 'UNAVAILABLE', 'DATA_LOSS', 'UNAUTHENTICATED'];
 /** These errors are temporary: an agent restarts, a queue empties. */
 const PASSING_CODES = [4, 8, 9, 14];
+/** RESOURCE_EXHAUSTED: no memory, or too many frames wait. */
+const EXHAUSTED = 8;
 const VERSION_HINT = 'Do server and page have the same version?';
 
 /** @param {any} header */
@@ -43,13 +45,15 @@ export class Frames {
   /** @type {{grid: DepthGrid, camera: Camera, scene: string} | null} */
   #lastGrid = null;
   #errorSequence = -1;
+  #exhaustedCount = 0;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #retryTimer;
 
   /**
    * @param {Parts} parts
-   * @param {{arrived: () => void, changed: () => void, cameraTaken: () => void, shown: (detail: any) => void}} on
-   *   `arrived`: a frame waits for `show`; `changed`: a state must be sent; `cameraTaken`: the camera is the server's
+   * @param {{arrived: () => void, changed: () => void, exhausted: () => void, cameraTaken: () => void, shown: (detail: any) => void}} on
+   *   `arrived`: a frame waits for `show`; `changed`: a state must be sent; `exhausted`: the server has refused two
+   *   frames on end for want of memory or a place; `cameraTaken`: the camera is the server's
    */
   constructor(parts, on) {
     this.#parts = parts;
@@ -119,6 +123,11 @@ export class Frames {
     const isPassing = PASSING_CODES.includes(code);
     notices.problem(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`);
     clearTimeout(this.#retryTimer);
+    this.#exhaustedCount = code === EXHAUSTED ? this.#exhaustedCount + 1 : 0;
+    if (this.#exhaustedCount === 2) {
+      this.#exhaustedCount = 0;
+      this.#on.exhausted();
+    }
     if (isPassing) {
       // A hidden tab sends it once it is shown.
       this.#retryTimer = setTimeout(() => this.#on.changed(), 2000);
@@ -158,6 +167,10 @@ export class Frames {
       bitmap.close();
     }
     statistics.counts.bitmapsClosed += 1;
+    if (isExact) {
+      this.#exhaustedCount = 0;
+      clearTimeout(this.#retryTimer);  // nothing is missing any more
+    }
     statistics.shown(isExact, sent);
     this.shownSequence = sequence;
     connection.acknowledge(message);

@@ -70,10 +70,40 @@ void main() {
 const FRAGMENT_SHADER = `#version 300 es
 precision highp float;
 uniform sampler2D picture;
+uniform vec2 pictureSize;
+uniform bool isEnlarged;
 in vec2 place;
 out vec4 color;
-void main() { color = texture(picture, place); }`;
 
+// The cubic of Mitchell and Netravali (1988), of 16 pixels by nine looks between them.
+vec3 smoothAt(vec2 at) {
+  vec2 texel = at * pictureSize;
+  vec2 middle = floor(texel - 0.5) + 0.5;
+  vec2 f = texel - middle;
+  vec2 f2 = f * f;
+  vec2 f3 = f2 * f;
+  vec2 first = (1.0 - 9.0 * f + 15.0 * f2 - 7.0 * f3) / 18.0;
+  vec2 third = (1.0 + 9.0 * f + 27.0 * f2 - 21.0 * f3) / 18.0;
+  vec2 last = (7.0 * f3 - 6.0 * f2) / 18.0;
+  vec2 inner = 1.0 - first - last;
+  vec2 a = (middle - 1.0) / pictureSize;
+  vec2 b = (middle + third / inner) / pictureSize;
+  vec2 c = (middle + 2.0) / pictureSize;
+  vec3 top = texture(picture, a).rgb * first.x + texture(picture, vec2(b.x, a.y)).rgb * inner.x +
+             texture(picture, vec2(c.x, a.y)).rgb * last.x;
+  vec3 center = texture(picture, vec2(a.x, b.y)).rgb * first.x + texture(picture, b).rgb * inner.x +
+                texture(picture, vec2(c.x, b.y)).rgb * last.x;
+  vec3 bottom = texture(picture, vec2(a.x, c.y)).rgb * first.x + texture(picture, vec2(b.x, c.y)).rgb * inner.x +
+                texture(picture, c).rgb * last.x;
+  return clamp(top * first.y + center * inner.y + bottom * last.y, 0.0, 1.0);
+}
+
+void main() {
+  color = isEnlarged ? vec4(smoothAt(place), 1.0) : texture(picture, place);
+}`;
+
+/** A frame of less than this share of the canvas is smoothed by a cubic. */
+const ENLARGED_SHARE = 0.9;
 /** The texture units. */
 const PICTURE_UNIT = 0;
 const DEPTHS_UNIT = 1;
@@ -135,7 +165,7 @@ class GlScreen {
     this.#at = {
       grid: uniform('grid'), depthRange: uniform('depthRange'), turn: uniform('turn'), offset: uniform('offset'),
       spans: uniform('spans'), mode: uniform('mode'), flatScale: uniform('flatScale'),
-      clipPlanes: uniform('clipPlanes'),
+      clipPlanes: uniform('clipPlanes'), pictureSize: uniform('pictureSize'), isEnlarged: uniform('isEnlarged'),
     };
     gl.uniform1i(uniform('picture'), PICTURE_UNIT);
     gl.uniform1i(uniform('depths'), DEPTHS_UNIT);
@@ -179,6 +209,9 @@ class GlScreen {
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
       gl.texParameteri(gl.TEXTURE_2D, name, isPixelByPixel ? gl.NEAREST : gl.LINEAR);
     }
+    // A moving frame of a large volume has few pixels: bilinear, each of them would be seen.
+    gl.uniform2f(this.#at.pictureSize, frame.width, frame.height);
+    gl.uniform1i(this.#at.isEnlarged, frame.height < ENLARGED_SHARE * canvas.height ? 1 : 0);
     gl.uniform3i(this.#at.mode, grid ? 0 : 1, frame.camera.height > 0 ? 0 : 1, camera.height > 0 ? 0 : 1);
     if (grid) {
       this.#drawRelief(frame, grid, camera);

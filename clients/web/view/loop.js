@@ -29,7 +29,8 @@ import { AnimationLoop } from './tab.js';
  * @property {FrameRequest} [state] what to show, as setState takes it; default: nothing until that is called
  * @property {'auto' | 'webgl2' | 'bitmaprenderer'} [renderer] default: auto, WebGL2 with a GPU
  * @property {number} [targetFramesPerSecond] 1 to 120, default 30
- * @property {number} [maxSide] the largest side of a picture in pixels; default 2048
+ * @property {number} [maxSide] the largest side of a picture in pixels; default: all of the device's, up to the server's
+ *   limit, and 2048 where that is not told
  * @property {boolean} [axes] @property {boolean} [scaleBar] default: both shown
  * @property {boolean} [box] default: not shown
  * @property {'always' | 'focused'} [wheel] when the wheel zooms; default: always
@@ -51,10 +52,13 @@ export class Loop {
   // Time of the first move since the last animation frame.
   /** @type {number | null} */
   #movedAt = null;
+  #isLearning = false;
+  /** Of the picture whose pixels became fewer; '': none did. */
+  #yieldedWeight = '';
 
   /**
    * @param {HTMLElement} element @param {Options} options
-   * @param {(type: string, detail: any) => void} emit sends an event
+   * @param {(type: string, detail: any) => boolean} emit sends an event; false if its default is prevented
    */
   constructor(element, options, emit) {
     this.#options = options;
@@ -80,10 +84,14 @@ export class Loop {
     this.frames = new Frames(this, {
       arrived: () => this.schedule(),
       changed: () => this.change(false, null),
+      exhausted: () => this.#yieldPixels(),
       cameraTaken: () => emit('state', { state: this.model.toState(), isMoving: false }),
       shown: (detail) => emit('frame', detail),
     });
-    this.resizer = new ResizeObserver(() => this.#resize());
+    this.resizer = new ResizeObserver((entries) => {
+      const size = entries.at(-1)?.devicePixelContentBoxSize?.[0];
+      this.#resize(size && { width: size.inlineSize, height: size.blockSize });
+    });
   }
 
   /**
@@ -91,9 +99,14 @@ export class Loop {
    * @param {() => void} showFirst
    */
   start(showFirst) {
-    this.resizer.observe(this.elements.root);
+    try {
+      this.resizer.observe(this.elements.root, { box: 'device-pixel-content-box' });
+    } catch {
+      this.resizer.observe(this.elements.root);  // a browser that does not count them
+    }
     this.#resize();
     showFirst();
+    this.#learnLimit();
     this.connection.connect();
   }
 
@@ -106,6 +119,14 @@ export class Loop {
     }
     this.schedule();
     this.#emit('state', { state: this.model.toState(), isMoving });
+  }
+
+  /** @param {string} token */
+  setToken(token) {
+    this.#client.token = token;
+    if (!this.connection.isOpen) {
+      this.connection.again();
+    }
   }
 
   /** Draws in the next animation frame. */
@@ -142,10 +163,50 @@ export class Loop {
     this.elements.host.remove();
   }
 
+  /** Learns how large a picture may be; a limit of the caller's stays. */
+  async #learnLimit() {
+    if (this.#isLearning || this.#options.maxSide || this.#options.transport && !this.#options.url) {
+      return;
+    }
+    this.#isLearning = true;
+    try {
+      const { maxViewportPx } = await this.#client.get('v1/capabilities');
+      if (maxViewportPx > 0 && !this.#animation.isEnded) {
+        this.#options = { ...this.#options, maxSide: maxViewportPx };
+        this.picture.setMaxSide(maxViewportPx);
+        this.#resize();
+      }
+    } catch {
+      // It is asked again with the next connection.
+    }
+    this.#isLearning = false;
+  }
+
+  /** What makes a picture of some size need more or less of the server's memory. */
+  #weight() {
+    const { dataset, samples, surfaces = [] } = this.model.state;
+    return JSON.stringify([dataset, samples, surfaces.map((/** @type {any} */ { color, colorBy }) => (color?.alpha ?? 1) < 1 || Boolean(colorBy?.opacity))]);
+  }
+
+  /** The server has no memory for a picture of this size: a smaller one is drawn, and scaled up. */
+  #yieldPixels() {
+    if (this.picture.yieldPixels()) {
+      this.#yieldedWeight = this.#weight();
+      this.#resize();
+    }
+  }
+
   #send() {
     const { model, stream } = this;
     if (!this.connection.isOpen || !stream.isDirty || !model.isSet || document.hidden) {
       return;
+    }
+    if (this.#yieldedWeight && this.#yieldedWeight !== this.#weight()) {
+      this.#yieldedWeight = '';
+      if (this.picture.takePixels()) {
+        this.picture.resize();
+        this.overlay.resized();
+      }
     }
     const frame = model.toState();
     frame.viewport = { widthPx: this.picture.width, heightPx: this.picture.height };
@@ -177,8 +238,9 @@ export class Loop {
     }
   }
 
-  #resize() {
-    if (this.picture.resize()) {
+  /** @param {{width: number, height: number}} [device] as Picture takes it */
+  #resize(device) {
+    if (this.picture.resize(device)) {
       this.overlay.resized();
       this.change(true, null);
       this.#draw();
@@ -189,6 +251,7 @@ export class Loop {
   #opened(isAgain) {
     this.statistics.counts.reconnects += isAgain ? 1 : 0;
     this.stream.clear();
+    this.#learnLimit();
     if (!this.model.dataset) {
       this.describe();
     }

@@ -72,6 +72,14 @@ export function namedCamera(name, box, patientFrame) {
 }
 
 /**
+ * The names of the axes of the world, wherever one is named: the sides of the patient that they point to, else x y z.
+ * @param {DatasetJson | null | undefined} dataset @returns {string[]}
+ */
+export function axisNamesOf(dataset) {
+  return [...(/^[LRPASI]{3}$/.test(dataset?.patientFrame ?? '') ? dataset?.patientFrame : 'xyz')];
+}
+
+/**
  * Returns the box around the samples of a dataset in world space; null if it has no geometry.
  * @param {DatasetJson | null | undefined} dataset @returns {Box | null}
  */

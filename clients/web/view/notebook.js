@@ -75,7 +75,7 @@ export default {
     view.addEventListener('frame', (event) => {
       const { isExact } = /** @type {CustomEvent} */ (event).detail;
       const stats = view.stats();
-      pill.textContent = `${isExact ? 'exact' : 'moving'} · ${stats.transport}`;
+      pill.textContent = `${!isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact'} · ${stats.transport}`;
       if (isExact) {
         const current = view.getState();
         last = JSON.stringify(current);

@@ -2,7 +2,7 @@
 // @ts-check
 
 import { basisOf, project, spanAt } from './camera.js';
-import { boxOfDataset, lengthUnitOf } from './named-views.js';
+import { axisNamesOf, boxOfDataset, lengthUnitOf } from './named-views.js';
 import { makeCanvas } from './picture.js';
 import { JUMP_CELLS, gridDepth, jumpOf } from './relief.js';
 import { sub, vecFromJson } from './vectors.js';
@@ -16,10 +16,10 @@ import { sub, vecFromJson } from './vectors.js';
 /** @typedef {import('./picture.js').Picture} Picture */
 
 /**
- * @typedef {{position: Vec3, label?: string}} Pin
+ * @typedef {{position: Vec3, label?: string, isStale?: boolean}} Pin `isStale`: faded
  * @typedef {{red?: number, green?: number, blue?: number}} Rgb
  * @typedef {{camera: Camera, frame: ShownFrame | null, box: Box | null, clipBox: Box | null,
- *   patientFrame: string, pins: Pin[], ink: string, halo: string, showBox: boolean}} Scene
+ *   axisNames: string[], pins: Pin[], ink: string, halo: string, showBox: boolean}} Scene
  */
 
 /**
@@ -130,6 +130,7 @@ function drawPins(context, toScreen, pins, halo) {
   for (const pin of pins) {
     const at = toScreen(pin.position);
     if (at.isSeen) {
+      context.globalAlpha = pin.isStale ? 0.35 : 1;
       context.beginPath();
       context.arc(at.x, at.y, 5, 0, 2 * Math.PI);
       context.fillStyle = MARK_COLOR;
@@ -142,6 +143,7 @@ function drawPins(context, toScreen, pins, halo) {
       }
     }
   }
+  context.globalAlpha = 1;
 }
 
 /**
@@ -178,7 +180,7 @@ function drawAxes(context, scene) {
   const arm = 26;
   const axes = AXIS_COLORS.map((color, axis) => ({
     x: right[axis], y: up[axis], depth: forward[axis], color,
-    label: scene.patientFrame[axis] ?? 'XYZ'[axis],
+    label: scene.axisNames[axis],
   })).sort((a, b) => b.depth - a.depth);
   for (const axis of axes) {
     const end = { x: center.x + arm * axis.x, y: center.y - arm * axis.y };
@@ -267,17 +269,17 @@ export class Overlay {
     }
     const { shown, pins } = this;
     const clip = state.clip?.box;
-    const patientFrame = dataset?.patientFrame ?? '';
+    const axisNames = axisNamesOf(dataset);
     /** @type {Scene} */
     const scene = {
       // An unwarped picture is late, and its overlay must be equally late.
       camera: screen.isWarping ? camera : frame?.camera ?? camera, frame, box: boxOfDataset(dataset),
-      clipBox: clip ? { min: vecFromJson(clip.min), max: vecFromJson(clip.max) } : null, patientFrame, pins,
+      clipBox: clip ? { min: vecFromJson(clip.min), max: vecFromJson(clip.max) } : null, axisNames, pins,
       ...inkOver(state.backgroundColor ?? {}), showBox: shown.box };
     const { eye, target, up } = scene.camera;
     const bar = scaleBarOf(scene.camera, cssWidth, cssHeight);
     bar.text += ` ${lengthUnitOf(dataset)}`.trimEnd();
-    this.#drawOn(this.axes, AXES_PX, AXES_PX, shown.axes ? [sub(target, eye), up, patientFrame, scene.ink] : null,
+    this.#drawOn(this.axes, AXES_PX, AXES_PX, shown.axes ? [sub(target, eye), up, axisNames, scene.ink] : null,
       (context) => drawAxes(context, scene));
     this.#drawOn(this.scaleBar, SCALE_BAR_PX + 24, 38, shown.scaleBar ? [bar.px.toFixed(1), bar.text, scene.ink] : null,
       (context) => drawScaleBar(context, bar, scene));

@@ -20,6 +20,12 @@ import { hasFastWebGl, makeGlScreen } from './gl-screen.js';
 const MEASURED_WARPS = 7;
 const SLOW_WARP_MS = 25;
 
+/** The largest side of a picture until the server has told its own limit. */
+const CAUTIOUS_SIDE_PX = 2048;
+/** A server that has no memory for a picture is asked for one of so much of its side, but for none below the least. */
+const YIELD_SHARE = 0.7;
+const LEAST_SIDE_PX = 512;
+
 /** @param {string} className */
 export function makeCanvas(className) {
   const canvas = document.createElement('canvas');
@@ -61,7 +67,9 @@ function makeBitmapScreen() {
 export class Picture {
   #root;
   #renderer;
+  /** The limits of caller and server, and that of the server's memory. */
   #maxSide;
+  #yieldedSide = Infinity;
   #changed;
   /** @type {number[]} */
   #warpTimes = [];
@@ -73,16 +81,18 @@ export class Picture {
    * @param {{renderer?: 'auto' | 'webgl2' | 'bitmaprenderer', maxSide?: number}} options
    * @param {() => void} changed called when another screen needs the frame again
    */
-  constructor(root, { renderer = 'auto', maxSide = 2048 }, changed) {
+  constructor(root, { renderer = 'auto', maxSide = CAUTIOUS_SIDE_PX }, changed) {
     this.#root = root;
     this.#renderer = renderer;
     this.#maxSide = maxSide;
     this.#changed = changed;
     /** @type {ShownFrame | null} */
     this.frame = null;
-    // Of the canvas in pixels of the device, and of the element in CSS pixels.
+    // Of the picture; of the element in pixels of the device, and in CSS pixels. Both are the same unless a limit is less.
     this.width = 1;
     this.height = 1;
+    this.deviceWidth = 1;
+    this.deviceHeight = 1;
     this.ratio = 0;
     this.cssWidth = 0;
     this.cssHeight = 0;
@@ -96,18 +106,55 @@ export class Picture {
     return this.width / this.height;
   }
 
+  /** Whether each pixel of the frame is one of the device. */
+  get isWhole() {
+    return this.frame?.width === this.deviceWidth && this.frame.height === this.deviceHeight;
+  }
+
+  /**
+   * Takes the limit of the server.
+   * @param {number} side in pixels
+   */
+  setMaxSide(side) {
+    this.#maxSide = side;
+  }
+
+  /**
+   * Asks for fewer pixels: the server has no memory for these.
+   * @returns {boolean} false if there are few already
+   */
+  yieldPixels() {
+    const side = Math.floor(YIELD_SHARE * Math.max(this.width, this.height));
+    if (side < LEAST_SIDE_PX) {
+      return false;
+    }
+    this.#yieldedSide = side;
+    return true;
+  }
+
+  /** Asks for all pixels again. @returns {boolean} whether there were fewer */
+  takePixels() {
+    const isLess = this.#yieldedSide < Infinity;
+    this.#yieldedSide = Infinity;
+    return isLess;
+  }
+
   /**
    * Takes the size of the element.
+   * @param {{width: number, height: number}} [device] its size in pixels of the device, if the browser tells
    * @returns {boolean} whether it has changed
    */
-  resize() {
+  resize(device) {
     const ratio = globalThis.devicePixelRatio || 1;
     const { clientWidth, clientHeight } = this.#root;
-    const shrink = Math.min(1, this.#maxSide / (Math.max(clientWidth, clientHeight, 1) * ratio));
-    const width = Math.max(1, Math.round(clientWidth * ratio * shrink));
-    const height = Math.max(1, Math.round(clientHeight * ratio * shrink));
-    if (this.width === width && this.height === height && this.ratio === ratio && this.cssWidth === clientWidth &&
-        this.cssHeight === clientHeight) {
+    const isSame = this.ratio === ratio && this.cssWidth === clientWidth && this.cssHeight === clientHeight;
+    const [across, down] = device ? [device.width, device.height] : isSame ? [this.deviceWidth, this.deviceHeight]
+      : [Math.round(clientWidth * ratio), Math.round(clientHeight * ratio)];
+    const shrink = Math.min(1, Math.min(this.#maxSide, this.#yieldedSide) / Math.max(across, down, 1));
+    const width = Math.max(1, Math.round(across * shrink));
+    const height = Math.max(1, Math.round(down * shrink));
+    [this.deviceWidth, this.deviceHeight] = [across, down];
+    if (isSame && this.width === width && this.height === height) {
       return false;
     }
     this.width = width;
@@ -115,6 +162,7 @@ export class Picture {
     this.ratio = ratio;
     [this.cssWidth, this.cssHeight] = [clientWidth, clientHeight];
     this.screen.resize(width, height);
+    this.#sharpen();
     return true;
   }
 
@@ -122,6 +170,7 @@ export class Picture {
   show(bitmap, frame) {
     this.frame = frame;
     this.screen.show(bitmap, frame);
+    this.#sharpen();
     const background = `rgb(${frame.background.map((c) => Math.round(255 * c)).join(' ')})`;
     if (background !== this.#background) {
       this.#background = background;
@@ -142,6 +191,12 @@ export class Picture {
   destroy() {
     this.#isDestroyed = true;
     this.screen.destroy();
+  }
+
+  /** A canvas of the device's pixels is shown as it is; the browser smooths another one. */
+  #sharpen() {
+    const { canvas } = this.screen;
+    canvas.classList.toggle('whole', canvas.width === this.deviceWidth && canvas.height === this.deviceHeight);
   }
 
   /**

@@ -17,7 +17,9 @@ import { Steering } from './steering.js';
  * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height, decodeMs,
  * roundTripMs, latencyMs}; 'state' {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in
  * pixels of the picture, of the pointer, or of the middle when Enter was pressed;
- * 'status' {kind: 'connecting' | 'open' | 'closed', sentence}; 'notice' {sentence, isError}; 'dataset'.
+ * 'status' {kind: 'connecting' | 'open' | 'closed' | 'refused', sentence}: after 'refused', for a missing or wrong
+ * token, nothing is tried until `setToken`, and a listener that tells it by itself prevents the default, a notice;
+ * 'notice' {sentence, isError}; 'dataset'.
  */
 export class View extends EventTarget {
   /** @param {HTMLElement} element @param {Options} [options] */
@@ -25,7 +27,7 @@ export class View extends EventTarget {
     super();
     this.options = options;
     /** @param {string} type @param {any} detail */
-    const emit = (type, detail) => this.dispatchEvent(new CustomEvent(type, { detail }));
+    const emit = (type, detail) => this.dispatchEvent(new CustomEvent(type, { detail, cancelable: true }));
     /** The inside, for the page and for tests. */
     this.loop = new Loop(element, options, emit);
     const { model, picture } = this.loop;
@@ -75,6 +77,11 @@ export class View extends EventTarget {
   /** Whether the exact one is. */
   get isExact() {
     return this.isCurrent && this.loop.picture.frame?.isExact === true;
+  }
+
+  /** Whether the picture has other pixels than the screen, which scales it. */
+  get isScaled() {
+    return this.loop.picture.frame !== null && !this.loop.picture.isWhole;
   }
 
   /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
@@ -141,7 +148,7 @@ export class View extends EventTarget {
 
   /**
    * Marks points of the scene.
-   * @param {{position: Vec3, label?: string}[]} pins
+   * @param {{position: Vec3, label?: string, isStale?: boolean}[]} pins a stale one fades
    */
   setPins(pins) {
     this.loop.overlay.pins = pins;
@@ -154,6 +161,7 @@ export class View extends EventTarget {
     return {
       ...statistics.summary(),
       isExact: this.isExact,
+      isScaled: this.isScaled,
       isConnected: connection.isOpen,
       transport: connection.name,
       renderer: picture.screen.name,
@@ -162,6 +170,14 @@ export class View extends EventTarget {
       height: picture.frame?.height ?? 0,
       notice: notices.text,
     };
+  }
+
+  /**
+   * Connects with another token, if there is no connection.
+   * @param {string} token
+   */
+  setToken(token) {
+    this.loop.setToken(token);
   }
 
   /** Ends the connection, frees all pictures and removes the view from its element. */

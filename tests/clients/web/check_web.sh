@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs one check of clients/web; ends with 77 (skipped) where its program is missing:
-#   check_web.sh types | unit | command | browser
+#   check_web.sh types | unit | command | browser | page
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -18,7 +18,7 @@ case "${1:-}" in
     ;;
   unit)
     require node nodejs
-    node --test view_test.mjs view_state_test.mjs series_test.mjs label_sets_test.mjs
+    node --test view_test.mjs view_state_test.mjs series_test.mjs label_sets_test.mjs undo_test.mjs values_test.mjs point_figures_test.mjs
     ;;
   command)
     require node nodejs
@@ -31,8 +31,11 @@ case "${1:-}" in
     # Debian's own: another Python first on the PATH has no python3-selenium.
     exec /usr/bin/python3 browser_test.py
     ;;
+  page)
+    exec /usr/bin/python3 browser_page_test.py
+    ;;
   *)
-    echo "usage: check_web.sh types | unit | command | browser" >&2
+    echo "usage: check_web.sh types | unit | command | browser | page" >&2
     exit 2
     ;;
 esac

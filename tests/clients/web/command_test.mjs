@@ -4,7 +4,7 @@ import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
 import { existsSync, mkdtempSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
-import { join } from 'node:path';
+import { basename, join } from 'node:path';
 import { after, test } from 'node:test';
 
 import { COLOR_MAPS } from '../../../clients/web/parameters.js';
@@ -23,6 +23,12 @@ function run(words) {
 assert.equal(run(['generate', 'gyroid', '--dims', '16,16,16', '--type', 'uint8', '--output', volume]).status, 0);
 const flow = join(folder, 'flow.pvd');
 assert.equal(run(['generate', 'flow', '--dims', '12,12,12', '--steps', '2', '--output', flow]).status, 0);
+
+/** All flags: `--help` may leave out rare ones. */
+function helpOfRender() {
+  const all = run(['render', '--help-all']);
+  return all.status === 0 ? all : run(['render', '--help']);
+}
 
 /** Takes a command apart as a shell does. @param {string} command @returns {string[]} */
 function wordsOf(command) {
@@ -89,7 +95,7 @@ SERIES_STATES['missing values'] = { ...SERIES_STATES['colours by a field'], nanC
 const ALL_STATES = { ...STATES, ...SERIES_STATES };
 
 test('no command has a flag that isoscope render does not have, and each flag is among those tried', () => {
-  const { text } = run(['render', '--help']);
+  const { text } = helpOfRender();
   const known = new Set(text.match(/(?<=^\s+(?:-\w,)?)--[a-z-]+/gm));
   assert.ok(known.has('--surface') && known.has('--output'), text);
   const printed = new Set(Object.values(ALL_STATES).flatMap((state) => wordsOf(commandOf(state))
@@ -113,6 +119,19 @@ for (const [name, state] of Object.entries(ALL_STATES)) {
     rmSync(join(folder, 'picture.png'));
   });
 }
+
+test('the command of a file draws in its folder as it stands', () => {
+  const words = wordsOf(stateToCommand({ dataset: 'gyroid-0123456789abcdef', surfaces: [SURFACE], samples: 4 }, 'picture.png', { width: 24, height: 16 },
+    { file: basename(volume) }));
+  const { status, text } = run([...words, '--renderer', 'cpu']);
+  assert.equal(status, 0, text);
+  assert.ok(existsSync(join(folder, 'picture.png')));
+});
+
+test('the command of a server that asks for a token has a flag of the program for it', () => {
+  assert.match(helpOfRender().text, /--token-file/);
+  assert.ok(wordsOf(stateToCommand({ surfaces: [SURFACE] }, 'a.png', undefined, { hasToken: true })).includes('--token-file'));
+});
 
 test('the program takes the dataset of the command as its value, whatever its name', () => {
   for (const dataset of ['--output', '-x', 'it\'s --help; $HOME']) {

@@ -9,6 +9,7 @@
 // `answer`: the sequence number of a state that was not answered, to answer now by a quick frame;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
 // `refuse`: whether new streams are refused; `features`: of /v1/capabilities | null for a gateway without it;
+// `maxViewportPx`: of /v1/capabilities; `mostPixels`: exact pictures of more are refused for memory | null;
 // `note`: of the first surface, if it is asked for | null; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
 // dataset | null; `steps`: how many the dataset flow has; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
 // states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
@@ -196,7 +197,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] };
 const streams = new Set();
 
@@ -221,7 +222,11 @@ function answer(stream, state, isExact) {
     stream.socket.write(webSocketFrame(2, Buffer.from(control.raw, 'base64')));
     return;
   }
-  if (!control.fail) {
+  const { viewport } = state.frame;
+  const isTooLarge = control.mostPixels !== null && isExact && viewport.widthPx * viewport.heightPx > control.mostPixels;
+  if (isTooLarge) {
+    header.error = { code: 8, message: 'the picture needs more memory than there is' };
+  } else if (!control.fail) {
     const { widthPx, heightPx } = state.frame.viewport;
     const shrink = isExact ? 1 : 2;
     const image = draw(state.frame, { width: Math.max(1, Math.round(widthPx / shrink)), height: Math.max(1, Math.round(heightPx / shrink)) });
@@ -383,7 +388,7 @@ async function respond(request, body, reply) {
   } else if (url.pathname === '/v1/datasets') {
     send({ datasets });
   } else if (url.pathname === '/v1/capabilities' && control.features) {
-    send({ features: control.features });
+    send({ version: '1.2.3', features: control.features, maxViewportPx: control.maxViewportPx });
   } else if (url.pathname === '/v1/status') {
     send({ agents: [] });
   } else if (parts[1] === 'datasets') {

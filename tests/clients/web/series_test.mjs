@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
 import {
-  Player, choiceOf, choicesOf, hasAllFields, histogramWords, indexOfStep, stepsOf, legendOf, titleOfColoring, valuesOf, withoutFields,
+  Player, choiceOf, choicesOf, hasAllFields, histogramWords, indexOfStep, rangeOfBins, stepsOf, legendOf, titleOfColoring, valuesOf, withoutFields,
 } from '../../../clients/web/series.js';
 
 // As the gateway writes it: what is 0 or empty is left out.
@@ -21,6 +21,14 @@ test('the menu has each component of each field, with its unit', () => {
     ['velocity:x', 'velocity x (m/s)'], ['velocity:y', 'velocity y (m/s)'], ['velocity:magnitude', 'velocity magnitude (m/s)']]);
   assert.deepEqual(choicesOf(PLAIN), []);
   assert.deepEqual(choicesOf(null), []);
+});
+
+test('the range of a step is that of the bins with samples, within that of all steps', () => {
+  const bins = [{ min: -2, max: -1 }, { min: -1, sampleCount: '3' }, { max: 1 }, { min: 1, max: 2, sampleCount: '1' }, { min: 2, max: 3, sampleCount: '0' }];
+  assert.deepEqual(rangeOfBins({ bins, hasSampleCounts: true }, null), { min: -1, max: 2 });
+  assert.deepEqual(rangeOfBins({ bins, hasSampleCounts: true }, { min: -0.5, max: 1.5 }), { min: -0.5, max: 1.5 });
+  assert.equal(rangeOfBins({ bins }, null), null);
+  assert.equal(rangeOfBins({ hasSampleCounts: true }, null), null);
 });
 
 test('what a selection leaves open is the first field and the magnitude', () => {
@@ -66,6 +74,7 @@ test('the legend has the name and the unit of a field', () => {
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_FIELD', field: 'velocity', component: 'x' }, FLOW), 'velocity x (m/s)');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_FIELD', field: 'hue' }, FLOW), 'hue');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_POSITION_Z' }, FLOW), 'position z');
+  assert.equal(titleOfColoring({ quantity: 'QUANTITY_POSITION_Z' }, { patientFrame: 'LPS' }), 'position S');
   assert.equal(titleOfColoring({ quantity: 'QUANTITY_GRADIENT_MAGNITUDE' }, PLAIN), 'gradient');
 });
 

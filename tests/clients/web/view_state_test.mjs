@@ -6,9 +6,9 @@ import { test } from 'node:test';
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS } from '../../../clients/web/parameters.js';
-import { outwards } from '../../../clients/web/values.js';
 import {
-  CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, otherSideOf, stateFromHash, stateToCommand, stateToHash,
+  CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand, stateToHash,
+  tokenOfHash, tokenOfText, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -205,16 +205,6 @@ test('the window of cuts is in links, and those of older versions have none', ()
   assert.deepEqual(stateFromHash('#cap-window=98,2').problems.length, 1);
 });
 
-test('a range grows to few digits, at most by a hundredth', () => {
-  for (const [min, max] of [[0.123456, 7.98765], [-1234.5678, -1234.5], [1e-9, 3e-9], [-2e12, 5e12], [0, 10]]) {
-    const range = outwards(min, max);
-    assert.ok(range.min <= min && range.max >= max, `${min} ${max}`);
-    assert.ok(range.max - range.min <= 1.0101 * (max - min), `${min} ${max}`);
-  }
-  assert.deepEqual(outwards(0.123456, 7.98765), { min: 0.12, max: 7.99 });
-  assert.deepEqual(outwards(5, 5), { min: 5, max: 5 });
-});
-
 test('links of older versions open as they did', () => {
   const { state, problems } = stateFromHash('#dataset=head&surface=60:0.9,0.8,0.7&surface=75:1,1,0.9:0.5&color-by=z:turbo:0,10:1,0.5&' +
     'color-by=none&eye=1,2,3&target=0,0,0&up=0,1,0&fov-y=30&clip-plane=1,0,0,5&clip-box=0,1,0,1,0,1&caps=grey:0,9&' +
@@ -225,9 +215,44 @@ test('links of older versions open as they did', () => {
   assert.deepEqual(stateFromHash('#fit=surface&orthographic-height=7&eye=1,0,0&target=0,0,0&up=0,1,0').state.camera.orthographic, { height: 7 });
 });
 
+test('the token of a link with access is taken out of it, and the rest keeps its letters', () => {
+  const token = 'a+b/c=~.-_9&#';
+  const link = '#dataset=a%20b&surface=60:1,0.5,0';
+  for (const hash of [`${link}&token=${encodeURIComponent(token)}`, `#token=${encodeURIComponent(token)}&${link.slice(1)}`]) {
+    assert.equal(tokenOfHash(hash), token);
+    assert.equal(`#${withoutToken(hash)}`, link);
+  }
+  assert.deepEqual([tokenOfHash(link), tokenOfHash(''), tokenOfHash('#token='), tokenOfHash('#token=a+b')], ['', '', '', 'a+b']);
+});
+
+test('what people paste at the door is a token, or an address with one', () => {
+  for (const [text, token] of [[' abc\n', 'abc'], ['http://host:8080/?token=a%2Bb&dataset=head', 'a+b'], ['http://host/?theme=dark&token=x', 'x'],
+    ['http://host/#surface=6&token=x%2F', 'x/'], ['a+b/c=', 'a+b/c='], ['http://host/?token=%zz', '%zz'], ['', '']]) {
+    assert.equal(tokenOfText(text), token);
+  }
+});
+
 test('the command of a state quotes what a shell would read otherwise', () => {
   const command = stateToCommand({ dataset: 'it\'s; rm -rf', surfaces: [{ isovalue: 60 }], caps: {} }, 'a.png');
   assert.equal(command, 'isoscope render --server HOST:50051 \\\n  --dataset \'it\'\\\'\'s; rm -rf\' \\\n  --surface 60 \\\n  --caps \\\n  --output a.png');
+});
+
+test('the command reads the file of isoscope view, else a server, with its token where there is one', () => {
+  const state = { dataset: 'head-0123456789abcdef', surfaces: [{ isovalue: 60 }], samples: 4 };
+  const size = { width: 640, height: 480 };
+  /** @param {any} source */
+  const first = (source) => stateToCommand(state, 'a.png', size, source).split(' \\\n  ').slice(0, 3);
+  assert.deepEqual(first({ file: 'my head.nii.gz' }), ['isoscope render \'my head.nii.gz\'', '--surface 60', '--samples 4']);
+  assert.deepEqual(first({ file: '-x.nrrd' })[0], 'isoscope render ./-x.nrrd');
+  assert.deepEqual(first({ hasToken: true }), ['isoscope render --server HOST:50051', '--token-file TOKEN_FILE', '--dataset head-0123456789abcdef']);
+  assert.deepEqual(first({}), ['isoscope render --server HOST:50051', '--dataset head-0123456789abcdef', '--surface 60']);
+  const head = { name: 'head', source: 'head.nii.gz' };
+  assert.equal(fileOf(head, 'http://127.0.0.1:8080/', 'http://127.0.0.1:8080/?theme=dark#dataset=head'), 'head.nii.gz');
+  for (const [told, page] of [['http://127.0.0.1:8080/', 'http://127.0.0.1:8081/'], ['https://host/', 'https://host/'], ['', 'http://127.0.0.1:8080/'],
+    ['no address', 'http://127.0.0.1:8080/']]) {
+    assert.equal(fileOf(head, told, page), '', `${told} and ${page}`);
+  }
+  assert.equal(fileOf(null, 'http://localhost:1/', 'http://localhost:1/'), '');
 });
 
 test('the legend has the colours of the pictures', () => {
