@@ -90,7 +90,7 @@ const windowButtons = make('div', { className: 'row', hidden: true }, make('span
   make('button', { id: 'window-all', className: 'small', title: 'All samples', onclick: () => setWindow(null) }, 'All'));
 
 function changeWindow() {
-  const [min, max] = [windowLow, windowHigh].map((input) => input.value === '' ? Number(input.placeholder) : input.valueAsNumber);
+  const [min, max] = [windowLow, windowHigh].map(({ value, placeholder }) => parseFloat(value || placeholder));
   if (!Number.isFinite(min) || !Number.isFinite(max)) {
     return;  // the other end is missing
   }
