@@ -82,6 +82,12 @@ absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
   mailbox_ = begin.mailbox();
   shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
   block_count_ = shards.front()->reader->layout().block_count();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      task_.counted_blocks,
+      wire::BlockListFromProto(begin.counted_blocks(), block_count_, "begin.counted_blocks"));
+  ISOSCOPE_ASSIGN_OR_RETURN(task_.counted_layer_blocks,
+                            wire::BlockListFromProto(begin.counted_layer_blocks(), block_count_,
+                                                     "begin.counted_layer_blocks"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
   Shards volumes = shards;
   for (const Shards& surface_shards : color_shards) {

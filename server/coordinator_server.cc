@@ -44,9 +44,10 @@ namespace {
 
 // Features of this server beyond the first version that clients may use; ascending. proto/README.md
 // explains each name.
-constexpr std::array<const char*, 10> kFeatures = {
-    "closed_meshes", "color_ranges", "dataset_id", "draining_agents", "error_info",
-    "label_values",  "labels",       "nan_color",  "notes",           "pages"};
+constexpr std::array<const char*, 11> kFeatures = {
+    "bands",           "closed_meshes", "color_ranges", "dataset_id",
+    "draining_agents", "error_info",    "label_values", "labels",
+    "nan_color",       "notes",         "pages"};
 
 isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
   isoscope::v1::GetCapabilitiesResponse capabilities;

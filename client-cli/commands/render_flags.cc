@@ -113,10 +113,7 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
 }  // namespace
 
 bool RenderFlags::is_poster() const {
-  const view::Viewport viewport = request.viewport();
-  const view::Viewport drawn = effects.drawn_size(viewport);
-  return !request.region && (client::NeedsRegions(viewport) ||
-                             std::max(drawn.width_px, drawn.height_px) > view::kMaxViewportPx);
+  return !request.region && client::NeedsRegions(request.viewport());
 }
 
 view::Viewport RenderFlags::region_size() const {

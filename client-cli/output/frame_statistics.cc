@@ -7,12 +7,14 @@
 //
 // Times are protobuf durations; JSON has milliseconds, rounded to microseconds. These members of a
 // frame are there only if they tell something: truncated_pixel_count, missing_shards with
-// active_block_coverage, surfaces (of two or more), notes, measures.
+// active_block_coverage, band_count (two or more), surfaces (of two or more), notes, measures.
 
 #include "client-cli/output/frame_statistics.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
@@ -86,6 +88,9 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
     }
     json["active_block_coverage"] = statistics.active_block_coverage();
   }
+  if (statistics.band_count() > 1) {
+    json["band_count"] = statistics.band_count();
+  }
   json["durations_ms"] = {
       {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},
       {"occluder_rendering", Rounded(Milliseconds(durations.occluder_rendering_duration()))},
@@ -140,6 +145,30 @@ std::string DescribeMissingShards(const v1::RenderStatistics& statistics) {
                          100 * statistics.active_block_coverage());
 }
 
+std::string DescribeBands(const std::vector<FrameRecord>& frames) {
+  std::int64_t least = 0;
+  std::int64_t most = 0;
+  std::size_t count = 0;
+  for (const FrameRecord& frame : frames) {
+    if (const std::int64_t bands = frame.statistics.band_count(); bands > 1) {
+      least = count == 0 ? bands : std::min(least, bands);
+      most = std::max(most, bands);
+      ++count;
+    }
+  }
+  if (count == 0) {
+    return "";
+  }
+  const std::string bands = least == most
+                                ? FormatCount(most)
+                                : absl::StrCat(FormatCount(least), " to ", FormatCount(most));
+  return absl::StrCat("\n",
+                      frames.size() == 1 ? "The frame was"
+                      : count == 1       ? "One frame was"
+                                         : absl::StrCat(count, " frames were"),
+                      " drawn in ", bands, " bands: the whole does not fit the memory limit\n");
+}
+
 std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width) {
   Table blocks({"frame", "wall ms", "active blocks", "hit by rays", "occluding", "drawn", "culled",
                 "triangles", "read", "network", "png"});
@@ -163,7 +192,8 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_w
                   FormatStep(durations.composite_duration()),
                   FormatStep(durations.encode_duration())});
   }
-  std::string text = absl::StrCat(blocks.ToString(max_width), "\n", steps.ToString(max_width));
+  std::string text = absl::StrCat(blocks.ToString(max_width), "\n", steps.ToString(max_width),
+                                  DescribeBands(frames));
   if (!frames.empty() && !frames.back().statistics.agents().empty()) {
     Table agents({"agent", "shards", "active blocks", "drawn", "triangles", "read", "extract ms",
                   "render ms", "busy ms"});

@@ -35,6 +35,9 @@ std::string StatisticsJson(const std::vector<FrameRecord>& frames);
 // Returns the missing shards and the share that the picture shows; "" if none is missing.
 std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statistics);
 
+// Returns a line with the number of bands of the frames that were drawn in bands; "" if none was.
+std::string DescribeBands(const std::vector<FrameRecord>& frames);
+
 // Tables of frames, their steps, and the agents and measures of the last frame. max_width: as
 // Table::ToString.
 std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width = 0);

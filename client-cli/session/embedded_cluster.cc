@@ -147,8 +147,12 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
         {.target = absl::StrCat("in-process:", coordinator_options.agents.size()),
          .channel = cluster->agents_.back()->InProcessChannel()});
   }
+  // The CPU draws in bands what does not fit the limit.
   std::optional<agent::AgentMemory::ExpectedStep> expected;
-  if (options.expected_viewport) {
+  if (options.expected_viewport &&
+      (cluster->renderer_->picture_revision().back_end == frame::BackEnd::kEgl ||
+       agent::AgentMemory::LeastLimitFor(*options.expected_viewport, options.expected_layers,
+                                         step_count) <= memory->limit_bytes())) {
     expected = {.viewport = *options.expected_viewport, .max_layers = options.expected_layers};
   }
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle(expected));

@@ -67,7 +67,8 @@ const drawCost = quietly((/** @type {any} */ statistics) => {
     drawAgents(statistics.agents);
   }
   const count = (/** @type {any} */ value) => Number(value ?? 0).toLocaleString('en');
-  const figures = [['Triangles', count(statistics.triangleCount)], ['Active blocks', count(statistics.activeBlockCount)],
+  const bands = Number(statistics.bandCount ?? 0);
+  const figures = [...(bands > 1 ? [['Bands, for memory', count(bands)]] : []), ['Triangles', count(statistics.triangleCount)], ['Active blocks', count(statistics.activeBlockCount)],
     ['Drawn · culled', `${count(statistics.visibleBlockCount)} · ${count(statistics.culledBlockCount)}`],
     ['Read from disk', formatBytes(Number(statistics.readBytes ?? 0))], ['Between servers', formatBytes(Number(statistics.networkBytes ?? 0))]];
   page.figures.replaceChildren(...figures.flatMap(([name, value]) => [make('dt', {}, name), make('dd', {}, value)]));

@@ -40,17 +40,17 @@ DrawnWindow DrawnWindowOf(const FrameSpec& spec) {
 absl::Status CheckDrawnWindow(const FrameSpec& spec) {
   const DrawnWindow window = DrawnWindowOf(spec);
   const int scale = spec.effects.samples_per_side;
-  if (window.region.has_value() && LongerSide(window.viewport) > view::kMaxWholeViewportPx) {
+  if (LongerSide(window.viewport) > view::kMaxWholeViewportPx) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "samples is %d with a viewport of %s pixels: its sides times %d must be at most %d; ask "
         "for fewer samples",
         spec.effects.samples(), SizeText(spec.viewport), scale, view::kMaxWholeViewportPx));
   }
-  if (LongerSide(window.image_size()) > view::kMaxViewportPx) {
+  if (spec.culling == Culling::kMask && !window.fits_a_view()) {
     const int margin = spec.region.has_value() ? spec.effects.margin_px() : 0;
     return absl::InvalidArgumentError(absl::StrFormat(
-        "samples is %d with a %s of %s pixels%s: its sides times %d must be at most %d; ask for "
-        "%s",
+        "samples is %d with a %s of %s pixels%s: with CULLING_MASK, which is never drawn in bands, "
+        "its sides times %d must be at most %d; ask for %s",
         spec.effects.samples(), spec.region.has_value() ? "region" : "viewport",
         SizeText(ImageSizeOf(spec)),
         margin > 0 ? absl::StrCat(" and a margin of ", margin, " for effects") : "", scale,

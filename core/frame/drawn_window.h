@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_CORE_FRAME_DRAWN_WINDOW_H_
 #define ISOSCOPE_CORE_FRAME_DRAWN_WINDOW_H_
 
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 
@@ -28,6 +29,10 @@ struct DrawnWindow {
     return viewport == spec.viewport && image_size() == ImageSizeOf(spec);
   }
   [[nodiscard]] view::Viewport image_size() const { return view::ImageSizeOf(viewport, region); }
+  // Whether one view can draw it. A larger one is drawn in bands.
+  [[nodiscard]] bool fits_a_view() const {
+    return std::max(image_size().width_px, image_size().height_px) <= view::kMaxViewportPx;
+  }
 
   friend bool operator==(const DrawnWindow&, const DrawnWindow&) = default;
 };
@@ -36,7 +41,8 @@ struct DrawnWindow {
 // viewport and region validate, and their drawn sides fit an int.
 DrawnWindow DrawnWindowOf(const FrameSpec& spec);
 
-// INVALID_ARGUMENT if the drawn window is larger than a view can be; the message names samples,
+// INVALID_ARGUMENT if the drawn viewport is larger than a view's can be, or the drawn window is and
+// the frame has the mask's culling, which is never drawn in bands. The message names samples,
 // viewport and region.
 absl::Status CheckDrawnWindow(const FrameSpec& spec);
 

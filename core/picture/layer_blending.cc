@@ -105,6 +105,11 @@ std::vector<OpacityTable> OpacityTablesOf(const frame::FrameSpec& spec) {
 
 std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
                          image::FrameImage* image) {
+  return BlendLayers(layers, spec, {0, 0, image->width, image->height}, image);
+}
+
+std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
+                         const view::PixelRect& counted, image::FrameImage* image) {
   const std::vector<const image::FrameImage*> layer_images = layers.LayerImages();
   if (layer_images.empty()) {
     return 0;
@@ -113,6 +118,11 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
   const std::vector<OpacityTable> opacities = OpacityTablesOf(spec);
   const image::Rgba8 background = spec.background_color;
   const float background_alpha = static_cast<float>(background.a) / 255.0F;
+  const auto counts = [&](std::size_t pixel) {
+    const auto x = static_cast<int>(pixel % static_cast<std::size_t>(image->width));
+    const auto y = static_cast<int>(pixel / static_cast<std::size_t>(image->width));
+    return x >= counted.begin_x && x < counted.end_x && y >= counted.begin_y && y < counted.end_y;
+  };
   std::atomic<std::int64_t> truncated_count{0};
   ForEachPixel(*layer_images.front(), image, [&](std::size_t pixel) {
     const std::uint64_t opaque = image->keys[pixel];
@@ -125,7 +135,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
         break;
       }
       if (count == spec.max_layers) {
-        truncated_count.fetch_add(1, std::memory_order_relaxed);
+        truncated_count.fetch_add(counts(pixel) ? 1 : 0, std::memory_order_relaxed);
         break;
       }
       ++count;

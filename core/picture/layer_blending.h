@@ -8,6 +8,7 @@
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
+#include "core/view/view.h"
 
 namespace isoscope::picture {
 
@@ -15,10 +16,14 @@ namespace isoscope::picture {
 // spec.max_layers that lie before its opaque fragment, nearest first, in linear light, with the
 // opacities of their surfaces. If a surface's map has opacities, the alpha of a layer's colour is
 // the step of the map (deferred_shading.h). Colours are then final where layers show; keys do not
-// change. Returns the number of pixels where more layers than that would show.
+// change. Returns the number of pixels where more layers than that would show, among those of
+// `counted`, in pixels of the image.
 //
 // Works in parallel, in the tbb::task_arena of the caller. O(pixels with layers).
 // REQUIRES: layers and image have the same size.
+std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
+                         const view::PixelRect& counted, image::FrameImage* image);
+// The same; counts in the whole image.
 std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
                          image::FrameImage* image);
 

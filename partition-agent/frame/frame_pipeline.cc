@@ -179,6 +179,7 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderOccluders(
         return IsTranslucent(task_.spec, mesh.surface_index);
       });
     }
+    LeaveOutCounted(&chosen);
     return DrawWithCaps(chosen, blocks.size(), frame::Culling::kDepth);
   };
   return RunStep("render occluders", Step::kRenderOccluders, Step::kRenderVisible, draw);
@@ -195,8 +196,9 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
                                 }));
     }
     std::size_t new_count = 0;
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<ChosenMesh> chosen,
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen,
                               ChooseVisible(blocks, masks, &new_count));
+    LeaveOutCounted(&chosen);
     return DrawWithCaps(chosen, new_count, frame::Culling::kMask);
   };
   return RunStep("render visible", Step::kRenderVisible, Step::kNone, draw);
@@ -305,6 +307,19 @@ absl::StatusOr<std::vector<ChosenMesh>> FramePipeline::ChooseVisible(
     }
   }
   return chosen;
+}
+
+// Meshes that an earlier band of the picture has counted do not count again.
+void FramePipeline::LeaveOutCounted(std::vector<ChosenMesh>* chosen) const {
+  if (task_.counted_blocks.empty() && task_.counted_layer_blocks.empty()) {
+    return;
+  }
+  for (ChosenMesh& mesh : *chosen) {
+    const std::vector<volume::BlockId>& counted = IsTranslucent(task_.spec, mesh.surface_index)
+                                                      ? task_.counted_layer_blocks
+                                                      : task_.counted_blocks;
+    mesh.counts = !std::binary_search(counted.begin(), counted.end(), mesh.block_id);
+  }
 }
 
 // Steps 2 and 3: draws the chosen meshes, of `block_count` blocks, in one pass.

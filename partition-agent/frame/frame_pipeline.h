@@ -98,6 +98,7 @@ class FramePipeline {
   absl::StatusOr<std::vector<ChosenMesh>> ChooseVisible(const std::vector<volume::BlockId>& blocks,
                                                         const std::vector<image::PixelMask>& masks,
                                                         std::size_t* new_count) const;
+  void LeaveOutCounted(std::vector<ChosenMesh>* chosen) const;
   absl::StatusOr<image::FrameImage> Draw(const std::vector<ChosenMesh>& chosen,
                                          std::size_t block_count);
   absl::StatusOr<image::FrameImage> DrawWithCaps(const std::vector<ChosenMesh>& chosen,

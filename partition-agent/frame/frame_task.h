@@ -4,8 +4,10 @@
 #define ISOSCOPE_PARTITION_AGENT_FRAME_FRAME_TASK_H_
 
 #include <cstdint>
+#include <vector>
 
 #include "core/frame/frame_spec.h"
+#include "core/volume/block_layout.h"
 
 namespace isoscope::agent {
 
@@ -16,6 +18,10 @@ struct FrameTask {
   int agent_index = 0;
   int agent_count = 1;
   bool report_active_blocks = true;
+  // Ascending: the agent's blocks whose opaque meshes an earlier band of the picture has counted, and
+  // those whose translucent meshes it has.
+  std::vector<volume::BlockId> counted_blocks = {};
+  std::vector<volume::BlockId> counted_layer_blocks = {};
 };
 
 }  // namespace isoscope::agent

@@ -27,7 +27,7 @@ namespace isoscope::agent {
 
 // The cost of the meshes of one step.
 struct SupplyCost {
-  std::vector<frame::SurfaceStatistics> surfaces;  // by surface index
+  std::vector<frame::SurfaceStatistics> surfaces;  // by surface index, of meshes that count
   std::int64_t read_bytes = 0;
   // The wall time, divided by the threads' time in reading and extracting, and in the sink.
   absl::Duration extract_duration;

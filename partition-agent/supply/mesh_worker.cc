@@ -18,10 +18,7 @@ absl::Status MeshWorker::AddTo(MeshSink* sink, const base::Cancellation& cancell
     std::size_t end = begin;
     std::size_t bytes = 0;
     for (; end < meshes.size() && end - begin < kMaxBatchMeshes && bytes < kMaxBatchBytes; ++end) {
-      const render::MeshToDraw& item = meshes[end];
-      bytes += item.mesh->size_bytes();
-      surfaces[item.surface_index] += {.triangle_count = item.mesh->triangle_count(),
-                                       .unique_vertex_count = item.mesh->owned_vertex_count};
+      bytes += meshes[end].mesh->size_bytes();
     }
     if (status.ok()) {
       status = sink->Add(std::span(meshes).subspan(begin, end - begin));

@@ -49,6 +49,10 @@ struct MeshWorker {
         surfaces(surface_count) {}
 
   void Collect(std::shared_ptr<const mesh::CompactMesh> mesh, const ChosenMesh& chosen) {
+    if (chosen.counts) {
+      surfaces[chosen.surface_index] += {.triangle_count = mesh->triangle_count(),
+                                         .unique_vertex_count = mesh->owned_vertex_count};
+    }
     meshes.push_back({std::move(mesh), chosen.surface_index, chosen.open});
   }
 

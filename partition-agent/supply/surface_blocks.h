@@ -31,6 +31,8 @@ struct ChosenMesh {
   std::uint32_t surface_index = 0;  // in SurfaceBlocks::rules()
   // The open pixels of the block; null: all are open.
   const image::PixelMask* open = nullptr;
+  // Whether its triangles and vertices count in the statistics.
+  bool counts = true;
 };
 
 // The cost of finding active blocks: pages that were asked for, and bytes that were read.

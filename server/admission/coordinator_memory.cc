@@ -6,40 +6,34 @@
 //   1/16   active blocks between frames; at most 64 MiB
 //   1/8    the process and gRPC
 //
-// FrameBytes adds up the peak of one frame. 1024 x 1024 pixels as a PNG in one message take 26 MiB
-// drawn (26 bytes a pixel), 4 MiB encoded, 4 MiB of gRPC's copy and 1 MiB besides: 35 MiB. Each of
-// max_layers + 1 layers would add 20 MiB.
+// A frame is drawn at once if it fits the share of frames, one view and the agents of this process.
+// Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share, because
+// the end of one band overlaps with the begin of the next: allocators return memory late. The same
+// 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
+//
+// A frame that neither way fits is refused. The limit that the refusal names is the least with which
+// the smallest band fits.
 
 #include "server/admission/coordinator_memory.h"
 
 #include <algorithm>
+#include <optional>
 #include <string>
+#include <utility>
 
+#include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
 #include "core/base/memory_info.h"
+#include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/frame/drawn_window.h"
 
 namespace isoscope::server {
 namespace {
 
-// Bytes for a pixel, or for a translucent fragment of one: bands that have arrived and wait to be
-// composited.
-constexpr std::size_t kBandBytesPerPixel = 8;
-// Bytes for a pixel: 12 for the image (key and colour), 6 for the occlusion map, and its bands.
-constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + kBandBytesPerPixel;
-// Bytes for a translucent fragment of a pixel: 12 for key and colour, and its bands.
-constexpr std::size_t kLayerBytesPerPixel = 12 + kBandBytesPerPixel;
-// A picture that differs from the drawn pixels has an image of its own (key and colour). It is
-// allocated after occlusion map and bands are freed; its effects reuse their bytes.
-constexpr std::size_t kPictureImageBytesPerPixel = 12;
-// An encoded picture of noise is as large as its pixels, and a little more.
-constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
-// Every frame needs this much besides: messages, lists of blocks.
-constexpr std::size_t kLeastFrameBytes = base::kMiB;
 // Eight images of 2048 x 2048 pixels, or two frames of 1024 x 1024 with all their layers.
 constexpr std::size_t kMaxUnusedImageBytes = 384 * base::kMiB;
 // 4 bytes a block.
@@ -54,10 +48,11 @@ constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
 constexpr std::size_t kTraceShare = 8;  // of one frame, out of the frames' share
 constexpr std::size_t kMaxTraceBytes = 32 * base::kMiB;
-
-std::size_t PixelsOf(const view::Viewport& size) {
-  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
-}
+// The sets of blocks that a frame in bands has drawn, as far as its dataset is not known: those of
+// more than two million blocks.
+constexpr std::size_t kCountingBytes = base::kMiB;
+// The share of what is free that a band takes.
+std::size_t BandShareOf(std::size_t bytes) { return bytes / 4 * 3; }
 
 // The share of frames.
 std::size_t FrameCapacity(std::size_t limit_bytes) { return limit_bytes / kFrameShare * 9; }
@@ -66,27 +61,34 @@ std::size_t TraceBytesOf(std::size_t limit_bytes) {
   return std::min(limit_bytes / kTraceShare, kMaxTraceBytes);
 }
 
-// The least limit, in whole MiB, with room for a frame that takes `bytes` without its trace.
-std::size_t LeastLimitFor(std::size_t bytes, bool has_trace) {
+std::size_t TraceBytesOf(std::size_t limit_bytes, const FrameWish& wish) {
+  return wish.has_trace ? TraceBytesOf(limit_bytes) : 0;
+}
+
+// The least limit, in whole MiB, for which `fits` is true, as it is for all larger ones.
+std::size_t LeastLimit(absl::FunctionRef<bool(std::size_t limit_bytes)> fits) {
   std::size_t too_small = 0;
   std::size_t enough = std::size_t{1} << 30;  // a PiB
   while (enough - too_small > 1) {
     const std::size_t middle = too_small + (enough - too_small) / 2;
-    const std::size_t limit = middle * base::kMiB;
-    const bool fits = bytes + (has_trace ? TraceBytesOf(limit) : 0) <= FrameCapacity(limit);
-    (fits ? enough : too_small) = middle;
+    (fits(middle * base::kMiB) ? enough : too_small) = middle;
   }
   return enough * base::kMiB;
 }
 
 // The frame with its region in the middle, where it has margins on all sides. A large picture is
 // asked for region by region, and the first one lies in a corner.
-frame::FrameSpec WithAllMargins(frame::FrameSpec spec) {
-  if (spec.region.has_value()) {
-    spec.region->x = (spec.viewport.width_px - spec.region->width_px) / 2;
-    spec.region->y = (spec.viewport.height_px - spec.region->height_px) / 2;
-  }
-  return spec;
+frame::FrameSpec WithAllMargins(const frame::FrameSpec& spec) {
+  return spec.region.has_value() ? BandInTheMiddle(spec, frame::ImageSizeOf(spec)) : spec;
+}
+
+std::size_t DrawnPixelsOf(const frame::FrameSpec& spec) {
+  const view::Viewport drawn = frame::DrawnWindowOf(spec).image_size();
+  return static_cast<std::size_t>(drawn.width_px) * static_cast<std::size_t>(drawn.height_px);
+}
+
+bool MayBand(const frame::FrameSpec& spec, const FrameWish& wish) {
+  return wish.may_band && spec.culling != frame::Culling::kMask;
 }
 
 double Mebibytes(std::size_t bytes) {
@@ -94,35 +96,6 @@ double Mebibytes(std::size_t bytes) {
 }
 
 }  // namespace
-
-std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
-  const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
-  const std::size_t pixels = PixelsOf(frame::ImageSizeOf(spec));
-  const std::size_t layers =
-      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
-                             : 0;
-  const std::size_t drawn = PixelsOf(window.image_size()) * (kFrameBytesPerPixel + layers) +
-                            (window.is_picture_of(spec) ? 0 : pixels * kPictureImageBytesPerPixel);
-  const frame::OutputSpec& output = spec.output;
-  const bool is_compressed = output.image_format == frame::ImageFormat::kPng ||
-                             output.image_format == frame::ImageFormat::kJpeg;
-  const std::size_t response =
-      frame::RawBytesPerPixel(output) + (is_compressed ? kPictureBytesPerPixel : 0);
-  // Stripes are joined into a compressed picture, and gRPC copies a whole response. The two never
-  // happen at the same time.
-  const std::size_t copies = delivery == Delivery::kWhole ? response
-                             : is_compressed              ? kPictureBytesPerPixel
-                                                          : 0;
-  return drawn + pixels * (response + copies) + kLeastFrameBytes;
-}
-
-std::size_t WaitingBandBytes(const frame::FrameSpec& spec) {
-  const std::size_t layers =
-      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) : 0;
-  return std::max(
-      PixelsOf(frame::DrawnWindowOf(spec).image_size()) * (1 + layers) * kBandBytesPerPixel,
-      kLeastFrameBytes);
-}
 
 std::size_t CoordinatorMemory::DefaultLimitBytes() {
   return std::max<std::size_t>(base::UsableBytes() / 4, base::kGiB);
@@ -147,39 +120,113 @@ std::size_t CoordinatorMemory::active_blocks_bytes() const {
 
 std::size_t CoordinatorMemory::trace_bytes() const { return TraceBytesOf(limit_bytes_); }
 
-absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery delivery,
-                                          std::size_t trace_bytes) const {
-  const std::size_t bytes = FrameBytes(spec, delivery) + trace_bytes;
-  if (bytes <= frames_.capacity_bytes()) {
-    return absl::OkStatus();
+bool CoordinatorMemory::FitsAtOnce(const frame::FrameSpec& spec, std::size_t limit_bytes,
+                                   const FrameWish& wish) const {
+  return frame::DrawnWindowOf(spec).fits_a_view() &&
+         FrameBytes(spec, wish.delivery) + TraceBytesOf(limit_bytes, wish) <=
+             FrameCapacity(limit_bytes);
+}
+
+bool CoordinatorMemory::AgentsFit(const frame::FrameSpec& spec, std::size_t limit_bytes) const {
+  return agent_limit_ == nullptr || agent_limit_(spec) <= limit_bytes;
+}
+
+// A band takes 3/4 of what agents have for pixels: one that is a third higher would fit, too. OpenGL
+// takes the same for each band, the whole.
+bool CoordinatorMemory::AgentsFitBand(const frame::FrameSpec& spec, const view::Viewport& band,
+                                      std::size_t limit_bytes) const {
+  const int height =
+      std::min(band.height_px + band.height_px / 3, frame::ImageSizeOf(spec).height_px);
+  return AgentsFit(BandInTheMiddle(spec, {band.width_px, height}), limit_bytes);
+}
+
+bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
+                                    std::size_t limit_bytes, const FrameWish& wish,
+                                    const FrameNeeds& needs) const {
+  const frame::FrameSpec of_band = BandInTheMiddle(spec, band);
+  if (band == frame::ImageSizeOf(spec) || !frame::DrawnWindowOf(of_band).fits_a_view() ||
+      (needs.max_drawn_pixels > 0 && DrawnPixelsOf(of_band) > needs.max_drawn_pixels) ||
+      !AgentsFitBand(spec, band, limit_bytes)) {
+    return false;
   }
+  const BandedBytes bytes = BandedBytesOf(spec, band, wish.delivery);
+  const std::size_t besides =
+      TraceBytesOf(limit_bytes, wish) + std::max(needs.counting_bytes, kCountingBytes);
+  const std::size_t capacity = FrameCapacity(limit_bytes);
+  const std::size_t kept = bytes.kept + besides;
+  return kept <= capacity && bytes.band <= BandShareOf(capacity - kept) &&
+         std::max(bytes.encode, bytes.send) + besides <= capacity;
+}
+
+absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& spec,
+                                                      const FrameWish& wish,
+                                                      const FrameNeeds& needs) const {
+  const view::Viewport picture = frame::ImageSizeOf(spec);
+  // Whether nobody here objects to the whole. Agents elsewhere know their limits.
+  const bool fits = FitsAtOnce(spec, limit_bytes_, wish) && needs.max_drawn_pixels == 0;
+  if (fits && AgentsFit(spec, limit_bytes_)) {
+    return BandGrid(picture, picture);
+  }
+  if (MayBand(spec, wish)) {
+    const std::optional<BandGrid> bands = BestBands(spec, [&](const view::Viewport& band) {
+      return FitsInBands(spec, band, limit_bytes_, wish, needs);
+    });
+    if (bands.has_value()) {
+      return *bands;
+    }
+  }
+  if (fits) {  // the agents say what they lack
+    return BandGrid(picture, picture);
+  }
+  return TooLarge(spec, wish, needs);
+}
+
+std::size_t CoordinatorMemory::LeastLimitFor(const frame::FrameSpec& spec, const FrameWish& wish,
+                                             const FrameNeeds& needs) const {
+  const frame::FrameSpec largest = WithAllMargins(spec);
+  const view::Viewport smallest = SmallestBand(frame::ImageSizeOf(spec));
+  return LeastLimit([&](std::size_t limit_bytes) {
+    return (FitsAtOnce(largest, limit_bytes, wish) && AgentsFit(largest, limit_bytes)) ||
+           (MayBand(spec, wish) && FitsInBands(largest, smallest, limit_bytes, wish,
+                                               {.counting_bytes = needs.counting_bytes}));
+  });
+}
+
+absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const FrameWish& wish,
+                                         const FrameNeeds& needs) const {
   const view::Viewport size = frame::ImageSizeOf(spec);
   const int samples = spec.effects.samples();
-  const frame::FrameSpec largest = WithAllMargins(spec);
-  std::size_t enough = LeastLimitFor(FrameBytes(largest, delivery), trace_bytes > 0);
-  if (agent_limit_ != nullptr) {
-    enough = std::max(enough, agent_limit_(largest));
-  }
+  const bool is_in_bands = MayBand(spec, wish);
+  const std::size_t bytes =
+      TraceBytesOf(limit_bytes_, wish) +
+      (is_in_bands ? BandedBytesOf(spec, SmallestBand(size), wish.delivery).most()
+                   : FrameBytes(spec, wish.delivery));
   return absl::ResourceExhaustedError(absl::StrFormat(
-      "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator; with its memory limit of "
+      "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator%s; with its memory limit of "
       "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of "
       "it%s%s%s, "
       "or raise %s--memory-limit to %.0fMiB",
       size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
-      Mebibytes(bytes), Mebibytes(limit_bytes_), Mebibytes(frames_.capacity_bytes()),
-      samples > 1 ? ", or for fewer samples" : "",
+      Mebibytes(bytes), is_in_bands ? ", also in bands" : "", Mebibytes(limit_bytes_),
+      Mebibytes(frames_.capacity_bytes()), samples > 1 ? ", or for fewer samples" : "",
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
-      trace_bytes > 0 ? ", or for no trace" : "",
-      agent_limit_ == nullptr ? "the coordinator's " : "", Mebibytes(enough)));
+      wish.has_trace ? ", or for no trace" : "",
+      agent_limit_ == nullptr ? "the coordinator's " : "",
+      Mebibytes(LeastLimitFor(spec, wish, needs))));
+}
+
+absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec,
+                                          const FrameWish& wish) const {
+  return PlanFrame(spec, wish, {}).status();
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
-    const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation,
-    std::size_t trace_bytes) {
-  if (absl::Status status = CheckFits(spec, delivery, trace_bytes); !status.ok()) {
-    return status;
-  }
-  return frames_.Reserve(FrameBytes(spec, delivery) + trace_bytes, cancellation);
+    const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const BandGrid bands, PlanFrame(spec, wish, {}));
+  const std::size_t bytes =
+      bands.count() == 1 ? FrameBytes(spec, wish.delivery)
+                         : BandedBytesOf(spec, bands.band(), wish.delivery).most() + kCountingBytes;
+  return frames_.Reserve(bytes + TraceBytesOf(limit_bytes_, wish), cancellation);
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveExport(

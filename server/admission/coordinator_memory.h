@@ -1,4 +1,5 @@
-// The memory limit of a coordinator, and its shares (docs/operations.md, "Memory").
+// The memory limit of a coordinator, and its shares (docs/operations.md, "Memory"). It decides which
+// frames are drawn at once, which in bands, and which not at all.
 
 #ifndef ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
 #define ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
@@ -12,26 +13,28 @@
 #include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
 #include "core/frame/frame_spec.h"
+#include "server/admission/band_grid.h"
+#include "server/admission/frame_bytes.h"  // IWYU pragma: export
 
 namespace isoscope::server {
-
-// How a response leaves the coordinator.
-enum class Delivery {
-  kWhole,  // in one message, which gRPC copies to send it
-  kParts,  // as a stream
-};
-
-// Returns the bytes that a frame takes in the coordinator until its response is sent. They are
-// those of the drawn image with its samples and its margin, occlusion map, bands on their way,
-// planes, picture and response.
-std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
-
-// Returns the part of FrameBytes for bands that have arrived and are not composited yet.
-std::size_t WaitingBandBytes(const frame::FrameSpec& spec);
 
 // A span of a trace: 24 bytes where it is recorded, 216 as a message, 40 in an answer, which gRPC
 // copies.
 inline constexpr std::size_t kTraceSpanBytes = 320;
+
+// What a frame's call asks of the memory.
+struct FrameWish {
+  Delivery delivery = Delivery::kWhole;
+  bool has_trace = false;
+  bool may_band = false;  // whether the call can draw in bands
+};
+
+// What is known of a frame once its dataset is.
+struct FrameNeeds {
+  std::size_t counting_bytes = 0;  // to count what several bands draw once
+  // The most drawn pixels of a band, samples and margin included, because of an agent's limit; 0: any.
+  std::size_t max_drawn_pixels = 0;
+};
 
 // Thread-safe. Outlives its reservations.
 class CoordinatorMemory {
@@ -61,17 +64,19 @@ class CoordinatorMemory {
   [[nodiscard]] std::size_t trace_bytes() const;
   [[nodiscard]] std::size_t max_trace_spans() const { return trace_bytes() / kTraceSpanBytes; }
 
-  // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit, and the least limit
-  // that is enough.
-  //
-  // trace_bytes: bytes of its trace; 0: it has none
-  [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery,
-                                       std::size_t trace_bytes = 0) const;
+  // RESOURCE_EXHAUSTED if the frame can never fit, in bands neither: says size, bytes and limit, and
+  // the least limit that is enough.
+  [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, const FrameWish& wish) const;
   // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`
-  // if it fires first.
+  // if it fires first. A frame in bands leaves a quarter of what its answer leaves to others.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
-      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation,
-      std::size_t trace_bytes = 0);
+      const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation);
+  // Returns the bands in which a frame is drawn that has its memory: one if it is drawn at once.
+  // With max_drawn_pixels it is drawn in bands even if it fits. CULLING_MASK is always drawn at once.
+  // Errors as CheckFits.
+  [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
+                                                   const FrameWish& wish,
+                                                   const FrameNeeds& needs) const;
   // Bytes of an export on their way to its client: queued chunks, and gRPC's copy.
   static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
   // Takes the memory of an export: data on its way from each agent and to the client. Exports have
@@ -82,6 +87,19 @@ class CoordinatorMemory {
       std::size_t agent_count, const base::Cancellation& cancellation);
 
  private:
+  [[nodiscard]] bool FitsAtOnce(const frame::FrameSpec& spec, std::size_t limit_bytes,
+                                const FrameWish& wish) const;
+  [[nodiscard]] bool FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
+                                 std::size_t limit_bytes, const FrameWish& wish,
+                                 const FrameNeeds& needs) const;
+  [[nodiscard]] bool AgentsFit(const frame::FrameSpec& spec, std::size_t limit_bytes) const;
+  [[nodiscard]] bool AgentsFitBand(const frame::FrameSpec& spec, const view::Viewport& band,
+                                   std::size_t limit_bytes) const;
+  [[nodiscard]] std::size_t LeastLimitFor(const frame::FrameSpec& spec, const FrameWish& wish,
+                                          const FrameNeeds& needs) const;
+  [[nodiscard]] absl::Status TooLarge(const frame::FrameSpec& spec, const FrameWish& wish,
+                                      const FrameNeeds& needs) const;
+
   const std::size_t limit_bytes_;
   const AgentLimit agent_limit_;
   base::MemoryBudget frames_;

@@ -120,19 +120,26 @@ AskedFrame WithSteps(const AskedFrame& asked) {
   return stepped;
 }
 
-absl::Status DrawValues(const FrameToRange& frame, const AskedFrame& stepped,
+// Draws the frame, or a region of it.
+absl::Status DrawValues(const FrameToRange& frame, AskedFrame stepped,
+                        const std::optional<view::Region>& region,
                         picture::VisibleValues* visible) {
+  stepped.spec.region = region;
+  FrameTarget target = *frame.target;
+  ISOSCOPE_ASSIGN_OR_RETURN(target.view,
+                            view::View::Make(*stepped.spec.camera, stepped.spec.viewport,
+                                             frame.target->view.geometry(), region));
   FrameIdentity identity = *frame.identity;
   identity.trace = nullptr;
   identity.agent_traces = nullptr;
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result,
-                            frame.runner->Run(identity, stepped, *frame.target, frame.parts));
+                            frame.runner->Run(identity, stepped, target, frame.parts));
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
   base::RunIn(frame.runner->state().arena.get(), [&] {
-    visible->Add({.order = frame.target->order,
+    visible->Add({.order = target.order,
                   .image = &result.image,
                   .layers = &result.layers,
-                  .view = &frame.target->view});
+                  .view = &target.view});
   });
   return absl::OkStatus();
 }
@@ -142,7 +149,12 @@ absl::Status ResolveVisible(const FrameToRange& frame, AskedFrame* asked) {
   for (int drawing = 1; wire::HasVisibleRanges(spec); ++drawing) {
     const AskedFrame stepped = WithSteps(*asked);
     picture::VisibleValues visible(stepped.spec);
-    ISOSCOPE_RETURN_IF_ERROR(DrawValues(frame, stepped, &visible));
+    if (frame.bands.empty()) {
+      ISOSCOPE_RETURN_IF_ERROR(DrawValues(frame, stepped, std::nullopt, &visible));
+    }
+    for (const view::Region& band : frame.bands) {
+      ISOSCOPE_RETURN_IF_ERROR(DrawValues(frame, stepped, band, &visible));
+    }
     const bool is_last = drawing == kMaxValueDrawings;
     for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
       if (std::optional<frame::ColorBy>& color_by = spec.surfaces[i].color_by;

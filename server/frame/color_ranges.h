@@ -7,6 +7,7 @@
 
 #include "absl/status/status.h"
 
+#include "core/view/camera.h"
 #include "server/cluster/frame_part.h"
 #include "server/frame/frame_runner.h"
 
@@ -19,6 +20,9 @@ struct FrameToRange {
   const FrameTarget* target = nullptr;
   // Those of the target; with allow_partial they lose those that no agent could do.
   std::vector<FramePart>* parts = nullptr;
+  // Regions of the picture, which are drawn one after another to find what is visible; empty: all at
+  // once.
+  std::vector<view::Region> bands = {};
 };
 
 // Sets all ranges of `asked->spec` that its maps need, but for those of positions that are the

@@ -18,6 +18,7 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
@@ -64,6 +65,11 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
 }
 
 }  // namespace
+
+bool MayWorkSmaller(const absl::Status& status) {
+  return absl::IsResourceExhausted(status) &&
+         base::ReasonOf(status) == base::ErrorReason::kTooLarge;
+}
 
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
                                              const volume::GridGeometry& geometry) {
@@ -141,12 +147,14 @@ class FrameRunner::Attempt {
  public:
   // All of them outlive the attempt.
   Attempt(FrameRunner* runner, const FrameIdentity& identity, const AskedFrame& asked,
-          const FrameTarget& target, const std::vector<FramePart>& parts)
+          const FrameTarget& target, const std::vector<FramePart>& parts,
+          const DrawingContext& context)
       : runner_(*runner),
         identity_(identity),
         spec_(asked.spec),
         target_(target),
         parts_(parts),
+        context_(context),
         active_key_(ActiveKeyOf(target, parts, asked.spec)),
         active_(runner->active_blocks_.Find(active_key_)) {
     begin_.set_frame_number(identity.number);
@@ -201,6 +209,7 @@ class FrameRunner::Attempt {
     setup.images = runner_.state_.images.get();
     setup.arena = runner_.state_.arena.get();
     setup.trace = identity_.trace;
+    setup.keeps_blocks = context_.drawn != nullptr;
     setup.phase = identity_.phase;
     for (const FramePart& part : parts_) {
       setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
@@ -222,18 +231,36 @@ class FrameRunner::Attempt {
                                                    AgentListener* listener) {
     internal::BeginFrame of_part = begin_;
     of_part.set_agent_index(static_cast<std::int32_t>(part));
+    SetCounted(part, &of_part);
     const AgentAssignment agent = parts_[part].On(replica);
     AgentTraceTarget trace_target;
     if (identity_.trace != nullptr) {
       trace_target = {.zero = identity_.trace_zero,
                       .trace = &traces_.emplace_back(),
-                      .max_spans = runner_.state_.memory.max_trace_spans() / 4 * 3 / parts_.size()};
+                      .max_spans = runner_.state_.memory.max_trace_spans() / 4 * 3 / parts_.size() /
+                                   static_cast<std::size_t>(context_.drawing_count)};
     }
     leases_.push_back(runner_.state_.replicas.Take(agent.address));
     begins_.emplace(agent.address, base::MonotonicNow());
     return BeginFrameOnAgent(agent, std::move(of_part), target_.dataset->dataset.block_count(),
                              identity_.cancellation->deadline(), runner_.state_.mailboxes.get(),
                              *identity_.request, trace_target, listener);
+  }
+
+  // A field that is not needed is not set: agents of older versions refuse it.
+  void SetCounted(std::size_t part, internal::BeginFrame* begin) const {
+    if (context_.drawn == nullptr) {
+      return;
+    }
+    if (const auto blocks = context_.drawn->OpaqueOf(part); !blocks.empty()) {
+      *begin->mutable_counted_blocks() = wire::ToProto(blocks);
+    }
+    if (!frame::HasLayers(spec_)) {
+      return;
+    }
+    if (const auto blocks = context_.drawn->TranslucentOf(part); !blocks.empty()) {
+      *begin->mutable_counted_layer_blocks() = wire::ToProto(blocks);
+    }
   }
 
   // Records which agents succeeded, so that the next frames prefer those.
@@ -251,7 +278,9 @@ class FrameRunner::Attempt {
       }
     }
     for (const AgentFailure& failure : outcome.failures) {
-      NoteTrouble(failure.agent.address, absl::IsDeadlineExceeded(failure.status));
+      if (!MayWorkSmaller(failure.status)) {
+        NoteTrouble(failure.agent.address, absl::IsDeadlineExceeded(failure.status));
+      }
       metrics.CountPart(failure.agent.address, PartOutcome::kFailed);
     }
     for (const AgentIdentity& agent : outcome.lost_hedges) {
@@ -278,6 +307,7 @@ class FrameRunner::Attempt {
   const frame::FrameSpec& spec_;
   const FrameTarget& target_;
   const std::vector<FramePart>& parts_;
+  const DrawingContext& context_;
   const std::string active_key_;
   const std::shared_ptr<const ActiveBlocks> active_;
   internal::BeginFrame begin_;                     // without the fields of a part
@@ -289,11 +319,12 @@ class FrameRunner::Attempt {
 
 absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, const AskedFrame& asked,
                                              const FrameTarget& target,
-                                             std::vector<FramePart>* parts) {
+                                             std::vector<FramePart>* parts,
+                                             const DrawingContext& context) {
   while (true) {
     std::vector<std::size_t> lost_parts;
     absl::StatusOr<FrameResult> result =
-        Attempt(this, identity, asked, target, *parts).Run(&lost_parts);
+        Attempt(this, identity, asked, target, *parts, context).Run(&lost_parts);
     const bool goes_on =
         asked.allow_partial && !lost_parts.empty() && lost_parts.size() < parts->size();
     if (!goes_on) {

@@ -19,7 +19,9 @@
 #include "server/cluster/series_state.h"
 #include "server/frame/active_blocks.h"
 #include "server/frame/agent_queries.h"
+#include "server/frame/agent_room.h"
 #include "server/frame/coordinator_state.h"
+#include "server/frame/drawn_blocks.h"
 #include "server/frame/frame_coordinator.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
@@ -40,6 +42,18 @@ struct FrameTarget {
 
 using wire::AskedFrame;
 
+// The place of a drawing among those of its call.
+struct DrawingContext {
+  // The blocks that earlier bands of the picture have drawn: agents do not count them again, and the
+  // result has its own. Null: the drawing counts by itself.
+  const DrawnBlocks* drawn = nullptr;
+  int drawing_count = 1;  // of the call; they share the spans of its trace
+};
+
+// Returns true if the frame may work with fewer pixels: an agent, or the coordinator, has no memory
+// for as many at a time.
+bool MayWorkSmaller(const absl::Status& status);
+
 // Thread-safe.
 class FrameRunner {
  public:
@@ -57,8 +71,10 @@ class FrameRunner {
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
   // With allow_partial, `parts` loses those that no agent could do, and the frame shows the others.
+  // If it loses some after a band, the picture must be begun again.
   absl::StatusOr<FrameResult> Run(const FrameIdentity& identity, const AskedFrame& asked,
-                                  const FrameTarget& target, std::vector<FramePart>* parts);
+                                  const FrameTarget& target, std::vector<FramePart>* parts,
+                                  const DrawingContext& context = {});
   // Sets the missing shards of a frame of `parts`, if any, and the share of the surface that it
   // has.
   absl::Status AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
@@ -66,6 +82,7 @@ class FrameRunner {
                                 FrameCost* cost);
 
   [[nodiscard]] CoordinatorState& state() const { return state_; }
+  [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
   [[nodiscard]] SampleCountsCache& sample_counts() { return sample_counts_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
@@ -82,6 +99,7 @@ class FrameRunner {
 
   CoordinatorState& state_;
   ActiveBlocksCache active_blocks_;
+  AgentRoom agent_room_;
   SampleCountsCache sample_counts_;
 };
 

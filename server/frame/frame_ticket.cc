@@ -48,7 +48,8 @@ FrameTicket::FrameTicket(CoordinatorState* state, const CallOrigin& origin, cons
       work_(&state->frames, EndOf(claim)),
       dataset_{.name = claim.dataset} {}
 
-absl::Status FrameTicket::TakePlace(const frame::FrameSpec& spec) {
+absl::Status FrameTicket::TakePlace(const frame::FrameSpec& spec, bool may_band) {
+  may_band_ = may_band;
   absl::Status status = TakePlaceUncounted(spec);
   if (absl::IsResourceExhausted(status)) {
     state_.frame_metrics.CountRefused(origin_.caller.name());
@@ -66,8 +67,7 @@ absl::Status FrameTicket::TakePlaceUncounted(const frame::FrameSpec& spec) {
     metrics.rate_limited.Add();
     return rate;
   }
-  if (absl::Status fits = state_.memory.CheckFits(spec, claim_.delivery, trace_bytes());
-      !fits.ok()) {
+  if (absl::Status fits = state_.memory.CheckFits(spec, wish()); !fits.ok()) {
     metrics.too_large.Add();
     work_.ReturnShare();
     return fits;
@@ -110,8 +110,7 @@ void FrameTicket::BeginWork() {
 
 absl::Status FrameTicket::TakeMemory(const frame::FrameSpec& spec) {
   const base::ScopedObservation wait(&state_.frame_metrics.memory_wait);
-  return work_.KeepMemory(
-      state_.memory.ReserveFrame(spec, claim_.delivery, cancellation(), trace_bytes()));
+  return work_.KeepMemory(state_.memory.ReserveFrame(spec, wish(), cancellation()));
 }
 
 FrameIdentity FrameTicket::Identity() const {
@@ -201,6 +200,7 @@ void FrameTicket::Log(const frame::FrameSpec& spec, const absl::Status& status,
                    {"width", frame::ImageSizeOf(spec).width_px},
                    {"height", frame::ImageSizeOf(spec).height_px},
                    {"duration_ms", duration},
+                   {"bands", cost.band_count},
                    {"triangles", cost.total.triangle_count},
                    {"agents", cost.agents.size()},
                    {"network_bytes", cost.network_bytes},

@@ -79,7 +79,9 @@ class FrameTicket {
 
   // Takes a place for the frame; does not block. PERMISSION_DENIED and RESOURCE_EXHAUSTED as
   // IsosurfaceService says, INVALID_ARGUMENT if the answer can't fit one message.
-  absl::Status TakePlace(const frame::FrameSpec& spec);
+  //
+  // may_band: whether the frame may be drawn in bands
+  absl::Status TakePlace(const frame::FrameSpec& spec, bool may_band = false);
 
   // Calls `work` on a frame thread when the turn of the frame has come. If the frame loses its
   // place before (admission.h), calls `work` at once on another thread: Run then returns the
@@ -93,6 +95,11 @@ class FrameTicket {
                    absl::FunctionRef<absl::Status()> work);
   // Call in Run: takes the memory of the frame. Blocks. Errors as CoordinatorMemory.
   absl::Status TakeMemory(const frame::FrameSpec& spec);
+  // Returns the bands of the frame. Errors as CoordinatorMemory::PlanFrame.
+  [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
+                                                   const FrameNeeds& needs) const {
+    return state_.memory.PlanFrame(spec, wish(), needs);
+  }
   // Call in Run: the frame as agents and observers know it. Points into the ticket.
   [[nodiscard]] FrameIdentity Identity() const;
   // The dataset that was found; before that, the one that was asked for.
@@ -125,14 +132,15 @@ class FrameTicket {
   void CountEnd(const absl::Status& status) const;
   void Log(const frame::FrameSpec& spec, const absl::Status& status, const FrameCost& cost) const;
 
-  [[nodiscard]] std::size_t trace_bytes() const {
-    return claim_.has_trace ? state_.memory.trace_bytes() : 0;
+  [[nodiscard]] FrameWish wish() const {
+    return {.delivery = claim_.delivery, .has_trace = claim_.has_trace, .may_band = may_band_};
   }
 
   CoordinatorState& state_;
   const CallOrigin origin_;
   const FrameClaim claim_;
   const base::MonotonicTime start_ = base::MonotonicNow();
+  bool may_band_ = false;
   CallWork work_;           // its memory is returned when gRPC is done with the response
   absl::Status lost_turn_;  // why the turn did not come
   std::optional<FrameBoard::Entry> on_board_;

@@ -8,7 +8,6 @@
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
-#include "server/frame/color_ranges.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
@@ -53,6 +52,13 @@ bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
 bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& layers) {
   return picture::NeedsDeferredShading(spec) && layers.empty() && !frame::HasSampleCaps(spec) &&
          !frame::ShowsValues(spec);
+}
+
+// Adds the contents of a band.
+void Unite(const picture::PictureContents& of_band, picture::PictureContents* contents) {
+  contents->shown |= of_band.shown;
+  contents->without_values |= of_band.without_values;
+  contents->has_caps_without_samples |= of_band.has_caps_without_samples;
 }
 
 // Records the colouring of each surface, and of caps.
@@ -107,7 +113,7 @@ absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runne
                                                               std::shared_ptr<FrameTicket> ticket,
                                                               AskedFrame asked,
                                                               int depth_grid_side) {
-  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(asked.spec));
+  ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(asked.spec, /*may_band=*/true));
   return std::unique_ptr<PictureJob>(
       new PictureJob(runner, std::move(ticket), std::move(asked), depth_grid_side));
 }
@@ -184,13 +190,6 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   return absl::OkStatus();
 }
 
-absl::Status PictureJob::FindRanges(const FrameTarget& target) {
-  const base::TraceScope trace(recorder(), "colour ranges");
-  const FrameIdentity identity = Identity();
-  return ResolveRanges(
-      {.runner = &runner_, .identity = &identity, .target = &target, .parts = &parts_}, &asked_);
-}
-
 void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
                               Response* response) const {
   *response->mutable_camera() = wire::ToProto(*asked_.spec.camera);
@@ -212,6 +211,11 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   if (!asked_.with_notes || !cost_.missing_shards.empty()) {
     return absl::OkStatus();
   }
+  // The search draws the region, or a small picture; there is memory for a band.
+  if (cost_.band_count > 1 && (asked_.spec.region.has_value() ||
+                               band_pixel_count_ < std::int64_t{kMaxNoteSidePx} * kMaxNoteSidePx)) {
+    return absl::OkStatus();
+  }
   ReleaseImages();
   const base::TraceScope trace(recorder(), "notes");
   const FrameIdentity identity = Identity();
@@ -230,42 +234,90 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   return absl::OkStatus();
 }
 
-absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+// Forgets what was drawn.
+void PictureJob::StartAgain(FrameOutput* output) {
+  ReleaseImages();
+  *output = FrameOutput();
+  cost_ = FrameCost();
+  contents_ = {};
+  band_pixel_count_ = 0;
+  if (trace_ != nullptr) {
+    trace_->of_agents.clear();
+  }
+  depth_grid_builder_.reset();
+  // With several samples the drawn image has the same content at a finer step; with a margin it has
+  // more.
+  const frame::DrawnWindow window = frame::DrawnWindowOf(asked_.spec);
+  if (depth_grid_side_ > 0 &&
+      (window.is_picture_of(asked_.spec) || !asked_.spec.region.has_value())) {
+    depth_grid_builder_.emplace(window.image_size(), depth_grid_side_);
+  }
+}
+
+absl::Status PictureJob::RenderAtOnce(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                                       FrameOutput* output) {
+  const view::Viewport size = frame::ImageSizeOf(asked_.spec);
+  const Piece whole{
+      .spec = asked_.spec, .target = target, .band = {0, 0, size.width_px, size.height_px}};
   const bool has_picture = asked_.spec.output.image_format != frame::ImageFormat::kNone;
   for (;;) {
     if (has_picture) {
-      ISOSCOPE_RETURN_IF_ERROR(RenderPicture(target, on_drawn, output));
+      ISOSCOPE_RETURN_IF_ERROR(RenderPicture(whole, on_drawn, output));
     }
     const std::size_t part_count = parts_.size();
     if (NeedsPlanes(asked_.spec.output, *output)) {
       ReleaseImages();
-      ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(target, output));
+      ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(whole, output));
     }
     if (!has_picture || parts_.size() == part_count) {
-      return absl::OkStatus();
+      break;
     }
     // The picture has shards that the planes lack.
-    ReleaseImages();
-    *output = FrameOutput();
-    cost_ = FrameCost();
+    StartAgain(output);
   }
+  if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
+    cost_.png_bytes = static_cast<std::int64_t>(output->image.size());
+  }
+  return absl::OkStatus();
+}
+
+// Draws picture and planes of a band, and joins them to those before it.
+absl::Status PictureJob::RenderBand(const Piece& piece, absl::FunctionRef<void()> on_drawn) {
+  FrameOutput output;
+  if (piece.spec.output.image_format != frame::ImageFormat::kNone) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderPicture(piece, on_drawn, &output));
+  }
+  ReleaseImages();
+  if (NeedsPlanes(piece.spec.output, output)) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(piece, &output));
+    ReleaseImages();
+  }
+  const base::MonotonicTime encode_start = base::MonotonicNow();
+  const base::TraceScope trace(recorder(), "join band");
+  piece.joiner->AddPlanes(piece.band, output);
+  const absl::Status encoded =
+      base::RunIn(runner_.state().arena.get(), [&] { return piece.joiner->EncodeRows(); });
+  cost_.encode = cost_.encode.value_or(absl::ZeroDuration()) + base::MonotonicNow() - encode_start;
+  return encoded;
 }
 
 // Draws the picture, and fills the planes that its pixels give: all but normals, with one sample.
-absl::Status PictureJob::RenderPicture(const FrameTarget& target,
-                                       absl::FunctionRef<void()> on_drawn, FrameOutput* output) {
-  const frame::DrawnWindow window = frame::DrawnWindowOf(asked_.spec);
+absl::Status PictureJob::RenderPicture(const Piece& piece, absl::FunctionRef<void()> on_drawn,
+                                       FrameOutput* output) {
+  const frame::DrawnWindow window = frame::DrawnWindowOf(piece.spec);
   std::optional<FrameTarget> larger;
-  if (!window.is_picture_of(asked_.spec)) {
-    larger = target;
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        larger->view, view::View::Make(*asked_.spec.camera, window.viewport, target.view.geometry(),
-                                       window.region));
+  if (!window.is_picture_of(piece.spec)) {
+    larger = piece.target;
+    ISOSCOPE_ASSIGN_OR_RETURN(larger->view,
+                              view::View::Make(*piece.spec.camera, window.viewport,
+                                               piece.target.view.geometry(), window.region));
   }
-  const FrameTarget& drawn = larger.has_value() ? *larger : target;
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(drawn, window, Content::kPicture));
+  const FrameTarget& drawn = larger.has_value() ? *larger : piece.target;
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(piece, drawn, window, Content::kPicture));
   cost_ = CostOf(result);
+  if (piece.drawn != nullptr) {
+    piece.drawn->Add(result);
+  }
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
   on_drawn();
@@ -273,60 +325,69 @@ absl::Status PictureJob::RenderPicture(const FrameTarget& target,
   ISOSCOPE_RETURN_IF_ERROR(ticket_->cancellation().Check());
   const base::TraceScope trace(recorder(), "finish picture");
   ISOSCOPE_RETURN_IF_ERROR(base::RunIn(runner_.state().arena.get(), [&] {
-    return FinishAndEncode(target, window, drawn.view, output);
+    return FinishAndEncode(piece, window, drawn.view, output);
   }));
-  if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
-    cost_.png_bytes = static_cast<std::int64_t>(output->image.size());
-  }
   cost_.encode = base::MonotonicNow() - encode_start;
   return absl::OkStatus();
 }
 
+// Takes the depths of the drawn image, before they are finished.
+void PictureJob::AddToDepthGrid(const Piece& piece, const frame::DrawnWindow& window,
+                                const view::View& drawn_view) {
+  if (!depth_grid_builder_.has_value()) {
+    return;
+  }
+  const int side = piece.spec.effects.samples_per_side;
+  depth_grid_builder_->Add({side * piece.band.x, side * piece.band.y, side * piece.band.width_px,
+                            side * piece.band.height_px},
+                           drawn_, drawn_view, window.begin_x, window.begin_y);
+}
+
 // Finishes and encodes the pixels that were drawn in `window`, in the arena of the caller.
-absl::Status PictureJob::FinishAndEncode(const FrameTarget& target,
-                                         const frame::DrawnWindow& window,
+absl::Status PictureJob::FinishAndEncode(const Piece& piece, const frame::DrawnWindow& window,
                                          const view::View& drawn_view, FrameOutput* output) {
-  const frame::FrameSpec& spec = asked_.spec;
-  const bool is_picture = window.is_picture_of(spec);
-  if (spec.output.normal && is_picture && CarriesNormalPlane(spec, layers_)) {
+  const frame::FrameSpec& spec = piece.spec;
+  if (spec.output.normal && window.is_picture_of(spec) && CarriesNormalPlane(spec, layers_)) {
     output->normal = NormalPlane(drawn_);
   }
-  // With several samples the drawn image has the same content at a finer step; with a margin it has
-  // more.
-  if (depth_grid_side_ > 0 && (is_picture || !spec.region.has_value())) {
-    depth_grid_ = MakeDepthGrid(drawn_, drawn_view, depth_grid_side_);
-  }
+  AddToDepthGrid(piece, window, drawn_view);
   base::TraceScope shade(recorder(), "shade and blend");
   FinishedPicture finished = FinishPicture({.spec = &spec,
                                             .window = &window,
                                             .drawn_view = &drawn_view,
-                                            .order = target.order,
+                                            .order = piece.target.order,
                                             .layers = &layers_,
                                             .images = runner_.state().images.get(),
                                             .finds_shown_surfaces = asked_.with_notes},
                                            &drawn_);
   image_ = std::move(finished.image);
-  contents_ = finished.contents;
+  Unite(finished.contents, &contents_);
   shade.End();
   cost_.truncated_pixel_count = finished.truncated_pixel_count;
-  base::TraceScope encode(recorder(), EncodingOf(spec.output.image_format).name);
-  ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec));
-  encode.End();
+  if (piece.joiner != nullptr) {
+    piece.joiner->AddPicture(piece.band, image_);
+  } else {
+    const base::TraceScope encode(recorder(), EncodingOf(spec.output.image_format).name);
+    ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec));
+  }
   if (spec.effects.samples_per_side == 1) {
-    FillPlanes(image_, spec, target.view, target.order, output);
+    FillPlanes(image_, spec, piece.target.view, piece.target.order, output);
   }
   return absl::OkStatus();
 }
 
 // Draws the planes that are still missing, with one sample. A frame whose pixels carry normals has
 // the same depths and surfaces as one with colours.
-absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* output) {
-  const frame::FrameSpec& spec = asked_.spec;
+absl::Status PictureJob::RenderPlanes(const Piece& piece, FrameOutput* output) {
+  const frame::FrameSpec& spec = piece.spec;
   const frame::DrawnWindow plain{.viewport = spec.viewport, .region = spec.region};
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(target, plain, Content::kPlanes));
   const bool is_first = spec.output.image_format == frame::ImageFormat::kNone;
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(piece, piece.target, plain, Content::kPlanes));
   if (is_first) {
     cost_ = CostOf(result);
+    if (piece.drawn != nullptr) {
+      piece.drawn->Add(result);
+    }
   }
   image_ = std::move(result.image);
   layers_ = std::move(result.layers);
@@ -335,16 +396,17 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
   const base::TraceScope trace(recorder(), "planes");
   base::RunIn(runner_.state().arena.get(), [&] {
     if (is_first && asked_.with_notes) {
-      contents_ = picture::FindContents(
-          {.spec = &spec, .order = target.order, .image = &image_, .layers = &layers_},
-          {0, 0, image_.width, image_.height}, /*with_shown=*/true);
+      Unite(picture::FindContents(
+                {.spec = &spec, .order = piece.target.order, .image = &image_, .layers = &layers_},
+                {0, 0, image_.width, image_.height}, /*with_shown=*/true),
+            &contents_);
     }
     picture::ShowNearest(layers_, &image_);
     if (spec.output.normal) {
       output->normal = NormalPlane(image_);
     }
     if (is_first || spec.effects.samples_per_side > 1) {
-      FillPlanes(image_, spec, target.view, target.order, output);
+      FillPlanes(image_, spec, piece.target.view, piece.target.order, output);
     }
   });
   if (is_first) {
@@ -354,21 +416,25 @@ absl::Status PictureJob::RenderPlanes(const FrameTarget& target, FrameOutput* ou
 }
 
 // Lets the agents draw a window. It is a frame of its own, without effects.
-absl::StatusOr<FrameResult> PictureJob::Draw(const FrameTarget& target,
+absl::StatusOr<FrameResult> PictureJob::Draw(const Piece& piece, const FrameTarget& target,
                                              const frame::DrawnWindow& window, Content content) {
   AskedFrame of_window = asked_;
   frame::FrameSpec& spec = of_window.spec;
   spec.viewport = window.viewport;
   spec.region = window.region;
+  DrawingContext context = piece.context;
   if (content == Content::kPicture) {
     spec.effects = {};
     spec.sends_normals = picture::NeedsDeferredShading(spec);
     spec.sends_map_steps = frame::ShowsValues(spec);
   } else {
     spec = frame::WithoutLook(std::move(spec), spec.output.normal);
+    if (asked_.spec.output.image_format != frame::ImageFormat::kNone) {
+      context.drawn = nullptr;  // the picture counts
+    }
   }
   const base::TraceScope trace(recorder(), "agents");
-  return runner_.Run(Identity(), of_window, target, &parts_);
+  return runner_.Run(Identity(), of_window, target, &parts_, context);
 }
 
 }  // namespace isoscope::server

@@ -8,6 +8,11 @@
 // 3. Picture and planes are encoded, in the arena of the runner.
 // 4. With notes, surfaces that do not show are looked for (surface_notes).
 //
+// What does not fit memory, of the coordinator or of an agent, is drawn in bands: regions of the
+// picture, each with steps 2 and 3, that a BandJoiner joins. Camera and colour ranges are resolved
+// before, for the whole. If an agent has no memory for a band, all begins again with bands of half the
+// pixels. DrawnBlocks keeps what was counted.
+//
 // A picture with several samples, or with effects that read neighbouring pixels, is drawn in a
 // larger window (core/frame/drawn_window) and finished by picture_finish. Planes are those of one
 // sample, so a frame with samples and planes is drawn twice. Normals replace colours in the
@@ -21,6 +26,7 @@
 #define ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -35,8 +41,11 @@
 #include "core/image/layer_stack.h"
 #include "core/picture/picture_contents.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "server/admission/band_grid.h"
+#include "server/frame/drawn_blocks.h"
 #include "server/frame/frame_runner.h"
 #include "server/frame/frame_ticket.h"
+#include "server/picture/band_joiner.h"
 #include "server/picture/depth_grid.h"
 #include "server/picture/frame_output.h"
 
@@ -80,22 +89,47 @@ class PictureJob {
   PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
              int depth_grid_side);
 
+  // What is drawn at a time: the picture, or a band of it.
+  struct Piece {
+    const frame::FrameSpec& spec;
+    const FrameTarget& target;  // its view is the spec's
+    view::Region band = {};     // in pixels of the picture
+    DrawingContext context = {};
+    DrawnBlocks* drawn = nullptr;  // gets the blocks of a band; null: drawn at once
+    BandJoiner* joiner = nullptr;  // gets the picture of a band; null: it is encoded
+  };
+
   absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
-  absl::Status RenderPicture(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+  absl::StatusOr<BandGrid> FirstPlan(const FrameTarget& target, FrameNeeds* needs);
+  // Returns `error` if no smaller bands could help.
+  absl::StatusOr<BandGrid> SmallerPlan(const FrameTarget& target, const BandGrid& bands,
+                                       const absl::Status& error, FrameNeeds* needs);
+  absl::Status RenderAtOnce(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+                            FrameOutput* output);
+  absl::Status RenderBands(const FrameTarget& target, const BandGrid& bands,
+                           absl::FunctionRef<void()> on_drawn, FrameOutput* output);
+  absl::Status RenderAllBands(const FrameTarget& target, const BandGrid& bands,
+                              absl::FunctionRef<void()> on_drawn, BandJoiner* joiner);
+  absl::Status RenderBand(const Piece& piece, absl::FunctionRef<void()> on_drawn);
+  // Both set cost_ to the cost of the piece.
+  absl::Status RenderPicture(const Piece& piece, absl::FunctionRef<void()> on_drawn,
                              FrameOutput* output);
-  absl::Status FinishAndEncode(const FrameTarget& target, const frame::DrawnWindow& window,
+  absl::Status RenderPlanes(const Piece& piece, FrameOutput* output);
+  absl::Status FinishAndEncode(const Piece& piece, const frame::DrawnWindow& window,
                                const view::View& drawn_view, FrameOutput* output);
-  absl::Status RenderPlanes(const FrameTarget& target, FrameOutput* output);
+  void AddToDepthGrid(const Piece& piece, const frame::DrawnWindow& window,
+                      const view::View& drawn_view);
+  void StartAgain(FrameOutput* output);
   // Gives all maps their ranges.
   absl::Status FindRanges(const FrameTarget& target);
   // Finds the notes on surfaces. A picture without them is still right.
   absl::Status FindNotes(const FrameTarget& target);
   // Converts all but the trace.
   void FillResponse(const FrameTarget& target, FrameOutput output, Response* response) const;
-  absl::StatusOr<FrameResult> Draw(const FrameTarget& target, const frame::DrawnWindow& window,
-                                   Content content);
+  absl::StatusOr<FrameResult> Draw(const Piece& piece, const FrameTarget& target,
+                                   const frame::DrawnWindow& window, Content content);
   [[nodiscard]] FrameIdentity Identity();
   void AddTrace(base::TraceTime begin, Response* response);
   void ReleaseImages();
@@ -107,6 +141,7 @@ class PictureJob {
   const std::shared_ptr<FrameTicket> ticket_;
   AskedFrame asked_;  // FindTarget resolves its camera, FindRanges its ranges
   const int depth_grid_side_;
+  std::optional<DepthGridBuilder> depth_grid_builder_;  // not set: no grid is made
   std::optional<DepthGrid> depth_grid_;
   std::unique_ptr<Trace> trace_;  // null: none is asked for
   std::vector<FramePart> parts_;  // of the target, without those that were lost meanwhile
@@ -116,6 +151,7 @@ class PictureJob {
   image::FrameImage drawn_;   // if it differs from image_
   image::LayerStack layers_;  // layers of the drawn image
   picture::PictureContents contents_;
+  std::int64_t band_pixel_count_ = 0;  // drawn pixels of the largest band; 0: drawn at once
 };
 
 }  // namespace isoscope::server

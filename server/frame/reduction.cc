@@ -176,6 +176,17 @@ void Reduction::SelectVisible(const PartReady& ready) {
   });
 }
 
+ReducedFrame Reduction::Take() {
+  if (setup_.keeps_blocks && reduced_.active != nullptr) {
+    for (PartBlocks& part : blocks_) {
+      part.open_pixels = {};
+    }
+    reduced_.blocks = std::move(blocks_);
+    reduced_.ray_hits = std::move(hits_);
+  }
+  return std::move(reduced_);
+}
+
 absl::Status Reduction::CheckSize(const image::DrawnPixels& pixels) const {
   const image::FrameImage& image = reduced_.image;
   if (pixels.image.width == image.width && pixels.image.height == image.height) {

@@ -51,6 +51,14 @@ struct ReductionSetup {
   image::FrameImagePool* images = nullptr;
   base::TaskArena* arena = nullptr;      // for the computations
   base::TraceRecorder* trace = nullptr;  // null: no trace was asked for
+  bool keeps_blocks = false;             // the result has the blocks of each part
+};
+
+// The blocks that a part draws in steps 2 and 3; ascending.
+struct PartBlocks {
+  std::vector<volume::BlockId> occluders = {};
+  std::vector<volume::BlockId> visible = {};
+  std::string open_pixels = {};  // EncodeOpenPixels of `visible`; empty with a mask
 };
 
 struct ReducedFrame {
@@ -60,6 +68,9 @@ struct ReducedFrame {
   // The active blocks of the setup, or those that the agents reported. Null with kNone.
   std::shared_ptr<const ActiveBlocks> active;
   std::int64_t ray_hit_block_count = 0;
+  // If the setup keeps them: the hits, and by part the blocks, without open pixels. Empty with kNone.
+  volume::BlockSet ray_hits = {};
+  std::vector<PartBlocks> blocks = {};
 };
 
 // Only the functions that composite are thread-safe: their callers share locks of rows.
@@ -68,12 +79,7 @@ class Reduction {
   // image: empty, of the view's size
   Reduction(const ReductionSetup& setup, std::size_t part_count, image::FrameImage image);
 
-  // The blocks that a part draws in steps 2 and 3; ascending.
-  struct PartBlocks {
-    std::vector<volume::BlockId> occluders;
-    std::vector<volume::BlockId> visible;
-    std::string open_pixels;  // EncodeOpenPixels of `visible`; empty with a mask
-  };
+  using PartBlocks = server::PartBlocks;
   // Called as soon as a part's blocks are known; several threads call it at once.
   using PartReady = std::function<void(std::size_t part_index, PartBlocks* blocks)>;
 
@@ -98,7 +104,7 @@ class Reduction {
   absl::Status CompositeBand(absl::string_view band);
   [[nodiscard]] bool has_layers() const { return has_layers_; }
 
-  ReducedFrame Take() { return std::move(reduced_); }
+  ReducedFrame Take();
 
  private:
   struct Selection {

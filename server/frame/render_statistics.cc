@@ -1,5 +1,8 @@
 #include "server/frame/render_statistics.h"
 
+#include <cstddef>
+
+#include "core/base/check.h"
 #include "wire/proto_convert.h"
 
 namespace isoscope::server {
@@ -23,6 +26,40 @@ FrameCost CostOf(const FrameResult& result) {
   cost.visibility_culling = result.visibility_culling_duration;
   cost.composite = result.composite_duration;
   return cost;
+}
+
+namespace {
+
+void AddBand(const frame::AgentStatistics& band, bool has_surface, frame::AgentStatistics* sum) {
+  if (has_surface) {
+    sum->triangle_count += band.triangle_count;
+    sum->unique_vertex_count += band.unique_vertex_count;
+    frame::AddTo(band.surfaces, &sum->surfaces);
+  }
+  sum->read_bytes += band.read_bytes;
+  sum->index_page_read_count += band.index_page_read_count;
+  sum->extract_duration += band.extract_duration;
+  sum->render_duration += band.render_duration;
+  sum->busy_duration += band.busy_duration;
+}
+
+}  // namespace
+
+void AddBand(const FrameCost& band, bool has_surface, FrameCost* cost) {
+  ISOSCOPE_CHECK_EQ(band.agents.size(), cost->agents.size());
+  AddBand(band.total, has_surface, &cost->total);
+  for (std::size_t i = 0; i < band.agents.size(); ++i) {
+    AddBand(band.agents[i], has_surface, &cost->agents[i]);
+  }
+  cost->network_bytes += band.network_bytes;
+  cost->truncated_pixel_count += band.truncated_pixel_count;
+  cost->occluder_selection += band.occluder_selection;
+  cost->occluder_rendering += band.occluder_rendering;
+  cost->visibility_culling += band.visibility_culling;
+  cost->composite += band.composite;
+  if (band.encode.has_value()) {
+    cost->encode = cost->encode.value_or(absl::ZeroDuration()) + *band.encode;
+  }
 }
 
 isoscope::v1::RenderStatistics ToProto(const FrameCost& cost) {
@@ -57,6 +94,7 @@ isoscope::v1::RenderStatistics ToProto(const FrameCost& cost) {
   if (cost.active_block_coverage.has_value()) {
     proto.set_active_block_coverage(*cost.active_block_coverage);
   }
+  proto.set_band_count(cost.band_count);
   return proto;
 }
 

@@ -30,10 +30,17 @@ struct FrameCost {
   std::optional<absl::Duration> encode;  // not set: nothing was encoded
   std::vector<int> missing_shards;
   std::optional<double> active_block_coverage;
+  int band_count = 1;  // 1: drawn at once
 };
 
 // Takes what the agents and the steps of a frame have cost.
 FrameCost CostOf(const FrameResult& result);
+
+// Adds the cost of another band of the same parts: bytes, times, pixels, triangles and vertices.
+// Active blocks are the same in all bands; DrawnBlocks counts the others.
+//
+// has_surface: false: its triangles and vertices were counted already
+void AddBand(const FrameCost& band, bool has_surface, FrameCost* cost);
 
 isoscope::v1::RenderStatistics ToProto(const FrameCost& cost);
 

@@ -39,14 +39,12 @@ namespace v1 = isoscope::v1;
 
 using SurfaceSet = std::bitset<frame::kMaxSurfaces>;
 
-// The longer side of a drawing, in pixels, unless it is that of a region.
-constexpr int kMaxSidePx = 1024;
-
 view::Viewport Smaller(const view::Viewport& size) {
   const int side = std::max(size.width_px, size.height_px);
   const auto scaled = [&](int px) {
-    return side <= kMaxSidePx ? px
-                              : std::max(1, static_cast<int>(std::int64_t{px} * kMaxSidePx / side));
+    return side <= kMaxNoteSidePx
+               ? px
+               : std::max(1, static_cast<int>(std::int64_t{px} * kMaxNoteSidePx / side));
   };
   return {scaled(size.width_px), scaled(size.height_px)};
 }

@@ -15,6 +15,9 @@
 
 namespace isoscope::server {
 
+// The longer side of a picture that the search draws, in pixels, unless it is that of a region.
+inline constexpr int kMaxNoteSidePx = 1024;
+
 // A frame that was drawn. All objects that it points to outlive the call.
 struct NotedFrame {
   FrameRunner* runner = nullptr;

@@ -6,8 +6,10 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "core/image/frame_image.h"
+#include "core/view/camera.h"
 #include "core/view/view.h"
 
 namespace isoscope::server {
@@ -23,9 +25,30 @@ struct DepthGrid {
 
 inline constexpr std::uint16_t kGridBackground = 65535;
 
-// Returns the depths at width x height points, so that the longer side has `longer_side` points, or
-// as many as the picture has pixels. O(points). REQUIRES: `view` is that of the image, and
-// longer_side >= 1.
+// Makes the grid of a picture that is drawn in bands, or at once. Thread-compatible.
+class DepthGridBuilder {
+ public:
+  // The grid has width x height points, so that the longer side has `longer_side` points, or as many
+  // as the picture has pixels. REQUIRES: longer_side >= 1.
+  DepthGridBuilder(const view::Viewport& picture, int longer_side);
+
+  // Takes the points that lie in the band of the picture that `image` shows from its pixel (margin_x,
+  // margin_y) on. O(points). REQUIRES: `view` is that of the image.
+  //
+  // band: in pixels of the picture
+  void Add(const view::Region& band, const image::FrameImage& image, const view::View& view,
+           int margin_x, int margin_y);
+  // REQUIRES: all bands were added.
+  [[nodiscard]] DepthGrid Make() const;
+
+ private:
+  const view::Viewport picture_;
+  int width_ = 0;
+  int height_ = 0;
+  std::vector<float> distances_;  // row by row; infinite: background
+};
+
+// Returns the grid of a picture that is drawn at once.
 DepthGrid MakeDepthGrid(const image::FrameImage& image, const view::View& view, int longer_side);
 
 }  // namespace isoscope::server

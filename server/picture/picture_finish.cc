@@ -68,7 +68,8 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
     picture::DrawSilhouettes(*spec.effects.silhouette, *setup.drawn_view, setup.order,
                              samples_per_side, drawn);
   }
-  finished.truncated_pixel_count = picture::BlendLayers(*setup.layers, spec, drawn);
+  finished.truncated_pixel_count =
+      picture::BlendLayers(*setup.layers, spec, PictureRectOf(spec, window), drawn);
   if (spec.output.any_plane()) {
     picture::ShowNearestKeys(*setup.layers, drawn);
   }

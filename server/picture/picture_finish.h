@@ -29,7 +29,7 @@ struct PictureSetup {
 
 struct FinishedPicture {
   image::FrameImage image;
-  // Drawn pixels that have more translucent layers than the spec allows.
+  // Drawn pixels that have more translucent layers than the spec allows, without those of a margin.
   std::int64_t truncated_pixel_count = 0;
   // The contents of the picture, without its margin. `shown` is empty unless it was asked for.
   picture::PictureContents contents;

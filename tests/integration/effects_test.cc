@@ -557,10 +557,15 @@ TEST_F(EffectsTest, WhatCanNotBeDrawnIsRefusedWithItsNumbers) {
   v1::RenderIsosurfaceRequest request = testing::SmallRequest();
   request.set_samples(16);
   request.mutable_viewport()->set_width_px(4097);
+  request.set_culling(v1::CULLING_MASK);
   EXPECT_THAT(Render(*cluster, request),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("samples is 16"), HasSubstr("4097"))));
-  // OpenGL takes memory for the whole viewport, with its samples.
+  request.clear_culling();
+  // OpenGL takes memory for the whole viewport, with its samples, also for a band or a region.
+  EXPECT_THAT(Render(*cluster, request),
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       AllOf(HasSubstr("4097"), HasSubstr("samples 16"), HasSubstr("16388"))));
   request.mutable_region()->set_width_px(10);
   request.mutable_region()->set_height_px(10);
   EXPECT_THAT(Render(*cluster, request),

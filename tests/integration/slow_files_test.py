@@ -227,20 +227,28 @@ class MemoryLimits(TempCase):
 
     def test_the_limit_that_is_named_works(self):
         volume = self.volume('v.nrrd', 96, 'random')
+        at_once = ['--culling', 'mask']  # never in bands
+        planes = ['--position', self.path('p.npy'), '--normal', self.path('n.npy'), '--depth', self.path('d.npy')]
+        named = 0
         for more in ([], ['--width', '2048', '--height', '1536'], ['--samples', '4'], ['--threads', '1'],
                      ['--threads', '8', '--shards', '4'],
-                     ['--surface', '100:#ff0000:0.5', '--surface', '150:#00ff00:0.5', '--max-layers', '4']):
+                     ['--surface', '100:#ff0000:0.5', '--surface', '150:#00ff00:0.5', '--max-layers', '4'],
+                     ['--width', '2048', '--height', '1536', *at_once], ['--samples', '4', *at_once],
+                     ['--surface', '100:#ff0000:0.5', '--surface', '150:#00ff00:0.5', '--max-layers', '4', *at_once],
+                     ['--width', '1600', '--height', '1200', *planes]):
             level = [] if '--surface' in more else ['--isovalue', '128']
             with self.subTest(more):
                 enough = self.named(volume, *level, *more)
                 if enough is None:
                     continue
+                named += 1
                 done = isoscope('render', volume, *level, *more, '--memory-limit', f'{enough}MiB', '-o',
                                 self.path('o.png'))
                 self.assertEqual(done.returncode, 0, done.stderr)
                 less = isoscope('render', volume, *level, *more, '--memory-limit', f'{max(96, int(enough * 0.9))}MiB',
                                 '-o', self.path('o.png'))
                 self.assertEqual(less.returncode, 1, more)
+        self.assertGreaterEqual(named, 4)
 
 
 if __name__ == '__main__':

@@ -11,24 +11,28 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// A single message is copied less often than parts, but needs memory for the whole twice.
+// A single message is copied less often than parts, but needs memory for the whole twice. The server
+// takes a picture for as large as its pixels.
 constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
+constexpr std::size_t kMaxUnaryPixels = std::size_t{6} << 20;
 
-// Returns the bytes of all requested planes. The service refuses a negative size.
-std::size_t PlaneBytes(const v1::RenderIsosurfaceRequest& request) {
-  const v1::OutputOptions& output = request.output();
+// Returns the number of pixels. The service refuses a negative size.
+std::size_t PixelsOf(const v1::RenderIsosurfaceRequest& request) {
   const int width =
       request.has_region() ? request.region().width_px() : request.viewport().width_px();
   const int height =
       request.has_region() ? request.region().height_px() : request.viewport().height_px();
   return width <= 0 || height <= 0
              ? 0
-             : static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
-                   frame::RawBytesPerPixel({.image_format = frame::ImageFormat::kNone,
-                                            .depth = output.depth(),
-                                            .surface_index = output.surface_index(),
-                                            .position = output.position(),
-                                            .normal = output.normal()});
+             : static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+}
+
+std::size_t PlaneBytesPerPixel(const v1::OutputOptions& output) {
+  return frame::RawBytesPerPixel({.image_format = frame::ImageFormat::kNone,
+                                  .depth = output.depth(),
+                                  .surface_index = output.surface_index(),
+                                  .position = output.position(),
+                                  .normal = output.normal()});
 }
 
 }  // namespace
@@ -36,7 +40,9 @@ std::size_t PlaneBytes(const v1::RenderIsosurfaceRequest& request) {
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurfaceRequest& request,
                                                          absl::Duration timeout,
                                                          ServiceClient* client) {
-  return PlaneBytes(request) > kMaxUnaryPlaneBytes
+  const std::size_t pixels = PixelsOf(request);
+  return pixels > kMaxUnaryPixels ||
+                 pixels * PlaneBytesPerPixel(request.output()) > kMaxUnaryPlaneBytes
              ? client->RenderIsosurfaceStream(request, timeout)
              : client->RenderIsosurface(request, timeout);
 }

@@ -494,3 +494,10 @@ def test_an_answer_without_a_message_is_an_error_and_a_timeout_is_above_0():
         _core.capabilities(None).result(None)
     with pytest.raises(InvalidArgumentError, match="timeout 0"):
         _call.Connection(target("localhost:1"), None)._retries(_core.capabilities(0))
+
+
+def test_an_answer_tells_its_bands_and_an_older_server_drew_at_once():
+    from isoscope._proto import frame_pb2
+
+    assert _answer.statistics(frame_pb2.RenderStatistics(band_count=12)).band_count == 12
+    assert _answer.statistics(frame_pb2.RenderStatistics()).band_count == 1

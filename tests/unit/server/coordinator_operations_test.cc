@@ -171,7 +171,7 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   v1::GetCapabilitiesResponse capabilities;
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
   EXPECT_THAT(capabilities.features(),
-              ElementsAre("closed_meshes", "color_ranges", "dataset_id", "draining_agents",
+              ElementsAre("bands", "closed_meshes", "color_ranges", "dataset_id", "draining_agents",
                           "error_info", "label_values", "labels", "nan_color", "notes", "pages"));
 }
 

@@ -216,6 +216,59 @@ TEST_F(IsosurfaceServiceTest, AnAgentsErrorKeepsItsCodeAndNamesTheAgent) {
   }
 }
 
+TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForTheWholeGetsSmallerBands) {
+  constexpr int kMostPixels = 5000;
+  std::atomic<int> refused{0};
+  std::atomic<int> drawn{0};
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    internal::RenderFrameRequest request;
+    internal::RenderFrameResponse response;
+    stream->Read(&request);
+    const internal::FrameSpec frame = request.begin().frame();
+    const int pixels = frame.has_region()
+                           ? frame.region().width_px() * frame.region().height_px()
+                           : frame.viewport().width_px() * frame.viewport().height_px();
+    EXPECT_EQ(frame.viewport().width_px(), 200) << "a band is a region of the whole";
+    response.mutable_ray_hits();
+    stream->Write(response);
+    stream->Read(&request);
+    if (pixels > kMostPixels) {
+      ++refused;
+      return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "raise --memory-limit to 99MiB");
+    }
+    ++drawn;
+    response.mutable_occluders_done();
+    stream->Write(response);
+    stream->Read(&request);
+    response.mutable_frame_done()->mutable_statistics()->set_triangle_count(7);
+    stream->Write(response);
+    return grpc::Status::OK;
+  };
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(FrameRequest(200, 180)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage picture, image::DecodePng(response.png()));
+  EXPECT_EQ(picture.width, 200);
+  EXPECT_EQ(picture.height, 180);
+  EXPECT_GT(response.statistics().band_count(), 200 * 180 / kMostPixels);
+  EXPECT_EQ(drawn.load(), response.statistics().band_count());
+  EXPECT_GT(refused.load(), 1);
+  // The next frame begins with them.
+  const int refused_before = refused.load();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto next, Render(FrameRequest(200, 180)));
+  EXPECT_EQ(next.statistics().band_count(), response.statistics().band_count());
+  EXPECT_EQ(next.png(), response.png());
+  EXPECT_EQ(refused.load(), refused_before);
+  // Bands of fewer pixels than the least are no way out: the agent's advice reaches the client.
+  coordinator_.reset();
+  first_.Stop();
+  second_.Stop();
+  second_.on_frame = Fail(grpc::StatusCode::RESOURCE_EXHAUSTED, "raise --memory-limit to 99MiB");
+  Start();
+  EXPECT_THAT(Render(FrameRequest(200, 180)),
+              StatusIs(absl::StatusCode::kResourceExhausted,
+                       AllOf(HasSubstr(second_.address()), HasSubstr("to 99MiB"))));
+}
+
 TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusySaysWhenToComeAgain) {
   second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
     return rpc::ToGrpcStatus(base::WithRetryDelay(absl::ResourceExhaustedError("64 frames wait"),

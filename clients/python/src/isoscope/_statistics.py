@@ -56,6 +56,7 @@ class Statistics:
         missing_shards: whose blocks the picture lacks; only with `allow_partial`.
         active_block_coverage: share of the active blocks that the picture has a chance to show; None if no shard is
             missing.
+        band_count: bands that the picture was drawn in, because the whole does not fit a memory limit; 1: at once.
         durations_ms: wall time by step, milliseconds: "occluder_selection", "occluder_rendering",
             "visibility_culling", "composite", "encode".
         agents: parts of the agents.
@@ -75,6 +76,7 @@ class Statistics:
     truncated_pixel_count: int
     missing_shards: tuple[int, ...] = ()
     active_block_coverage: float | None = None
+    band_count: int = 1
     durations_ms: dict[str, float] = field(default_factory=dict)
     agents: tuple[AgentStatistics, ...] = ()
     surfaces: tuple[SurfaceStatistics, ...] = ()

@@ -123,6 +123,22 @@ TEST(FrameStatisticsTest, PixelsWithTooManyLayersAreCountedWhereThereAreAny) {
   EXPECT_EQ(Json::parse(StatisticsJson({record}))["frames"][0]["truncated_pixel_count"], 7);
 }
 
+TEST(FrameStatisticsTest, BandsAreToldWhereThereAreSeveral) {
+  FrameRecord at_once = SampleFrame();
+  at_once.statistics.set_band_count(1);
+  EXPECT_FALSE(Json::parse(StatisticsJson({at_once}))["frames"][0].contains("band_count"));
+  EXPECT_EQ(DescribeBands({at_once, SampleFrame()}), "");
+  FrameRecord in_bands = SampleFrame();
+  in_bands.statistics.set_band_count(12);
+  EXPECT_EQ(Json::parse(StatisticsJson({in_bands}))["frames"][0]["band_count"], 12);
+  EXPECT_THAT(DescribeStatistics({in_bands}), HasSubstr("The frame was drawn in 12 bands"));
+  EXPECT_THAT(DescribeBands({at_once, in_bands}), HasSubstr("One frame was drawn in 12 bands"));
+  FrameRecord in_more = SampleFrame();
+  in_more.statistics.set_band_count(20);
+  EXPECT_THAT(DescribeBands({in_more, in_bands}),
+              HasSubstr("2 frames were drawn in 12 to 20 bands"));
+}
+
 TEST(FrameStatisticsTest, NoAgentsIsAnEmptyList) {
   EXPECT_EQ(Json::parse(StatisticsJson({FrameRecord{}}))["frames"][0]["agents"], Json::array());
 }

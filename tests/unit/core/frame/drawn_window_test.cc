@@ -52,8 +52,12 @@ TEST(DrawnWindowTest, AMarginEndsAtTheBorderOfTheWhole) {
 }
 
 TEST(DrawnWindowTest, WhatNobodyCanDrawIsRefusedWithItsNumbers) {
-  ISOSCOPE_EXPECT_OK(CheckDrawnWindow(SpecOf({4096, 4096}, std::nullopt, 4)));
-  EXPECT_THAT(CheckDrawnWindow(SpecOf({4097, 100}, std::nullopt, 4)),
+  const auto with_mask = [](FrameSpec spec) {
+    spec.culling = Culling::kMask;
+    return spec;
+  };
+  ISOSCOPE_EXPECT_OK(CheckDrawnWindow(with_mask(SpecOf({4096, 4096}, std::nullopt, 4))));
+  EXPECT_THAT(CheckDrawnWindow(with_mask(SpecOf({4097, 100}, std::nullopt, 4))),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("samples is 16"), HasSubstr("viewport of 4097 x 100"),
                              HasSubstr("16384"))));
@@ -64,9 +68,19 @@ TEST(DrawnWindowTest, WhatNobodyCanDrawIsRefusedWithItsNumbers) {
   FrameSpec spec = SpecOf({65536, 100}, view::Region{100, 0, 16384, 9}, 1);
   ISOSCOPE_EXPECT_OK(CheckDrawnWindow(spec));
   spec.effects.silhouette.emplace();
-  EXPECT_THAT(CheckDrawnWindow(spec),
+  EXPECT_THAT(CheckDrawnWindow(with_mask(spec)),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("region of 16384 x 9"), HasSubstr("margin of 4"))));
+}
+
+TEST(DrawnWindowTest, WhatOneViewCannotDrawIsLeftToBandsUnlessTheMaskCulls) {
+  FrameSpec spec = SpecOf({16384, 16384}, std::nullopt, 4);
+  ISOSCOPE_EXPECT_OK(CheckDrawnWindow(spec));
+  EXPECT_FALSE(DrawnWindowOf(spec).fits_a_view());
+  spec.culling = Culling::kNone;
+  ISOSCOPE_EXPECT_OK(CheckDrawnWindow(spec));
+  EXPECT_TRUE(DrawnWindowOf(SpecOf({16384, 9}, std::nullopt, 1)).fits_a_view());
+  EXPECT_FALSE(DrawnWindowOf(SpecOf({9, 4097}, std::nullopt, 4)).fits_a_view());
 }
 
 }  // namespace

@@ -87,6 +87,20 @@ TEST_F(LayerBlendingTest, ATranslucentBackgroundAddsItsShare) {
   EXPECT_EQ(At(3, 3), (Rgba8{Srgb(0.5F / 0.6F), 0, Srgb(0.1F / 0.6F), 153}));
 }
 
+TEST_F(LayerBlendingTest, OnlyPixelsOfTheRectangleAreCounted) {
+  image::LayerStack layers = Stack();
+  for (const int x : {2, 7}) {
+    for (const float depth : {0.3F, 0.4F, 0.9F}) {
+      layers.Insert(x, 1, Key(depth, 1), kRed);
+    }
+  }
+  image::FrameImage image = image_;
+  EXPECT_EQ(BlendLayers(layers, spec_, {0, 1, 7, 2}, &image), 1);
+  EXPECT_EQ(BlendLayers(layers, spec_, {0, 2, 8, 3}, &image), 0);
+  BlendLayers(layers, spec_, &image_);
+  EXPECT_EQ(image.colors[image.IndexOf(7, 1)], At(7, 1)) << "they show all the same";
+}
+
 TEST_F(LayerBlendingTest, TheNearestLayersShowAndPixelsWithMoreAreCounted) {
   image::LayerStack layers = Stack();
   for (const int x : {2, 7}) {

@@ -1,9 +1,12 @@
 
+#include <algorithm>
 #include <filesystem>
 #include <iterator>
 #include <set>
 #include <span>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
@@ -516,6 +519,57 @@ TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
   EXPECT_TRUE(frame.selection.hits.empty());
   EXPECT_EQ(frame.statistics.active_block_count, 0);
   EXPECT_TRUE(frame.image == EmptyImage(task_));
+}
+
+// The bands of a picture share blocks, and these count once.
+TEST_F(FramePipelineTest, MeshesThatABandBeforeHasCountedAreDrawnAndNotCounted) {
+  for (const bool has_layers : {false, true}) {
+    Open(2);
+    task_.spec.surfaces.push_back(task_.spec.surfaces[0]);
+    task_.spec.surfaces[1].rule.isovalue += 25;
+    task_.spec.surfaces[1].opacity = has_layers ? 0.5F : 1;
+    Frame alone;
+    RunAlone(task_, &alone);
+    const std::vector<frame::SurfaceStatistics> all = alone.statistics.surfaces;
+    ASSERT_EQ(all.size(), 2U);
+    ASSERT_GT(all[0].triangle_count, 0);
+    ASSERT_GT(all[1].triangle_count, 0);
+    // Those of step 3 have translucent meshes; with layers, they include those of step 2.
+    std::vector<volume::BlockId> opaque;
+    std::set_union(alone.occluding_blocks.begin(), alone.occluding_blocks.end(),
+                   alone.visible_blocks.begin(), alone.visible_blocks.end(),
+                   std::back_inserter(opaque));
+    const auto count = [&](std::vector<volume::BlockId> of_opaque,
+                           std::vector<volume::BlockId> of_layers) {
+      FrameTask task = task_;
+      task.counted_blocks = std::move(of_opaque);
+      task.counted_layer_blocks = std::move(of_layers);
+      Frame frame;
+      RunAlone(task, &frame);
+      EXPECT_TRUE(frame.image == alone.image);
+      EXPECT_EQ(frame.statistics.visible_block_count, alone.statistics.visible_block_count);
+      return frame.statistics;
+    };
+    EXPECT_EQ(count(opaque, opaque).triangle_count, 0);
+    EXPECT_EQ(count(opaque, opaque).unique_vertex_count, 0);
+    const frame::AgentStatistics only_layers = count(opaque, {});
+    EXPECT_EQ(only_layers.surfaces[0].triangle_count, 0);
+    EXPECT_EQ(only_layers.surfaces[1].triangle_count, has_layers ? all[1].triangle_count : 0);
+    const frame::AgentStatistics only_opaque = count({}, opaque);
+    EXPECT_EQ(only_opaque.surfaces[0], all[0]);
+    EXPECT_EQ(only_opaque.surfaces[1].triangle_count, has_layers ? 0 : all[1].triangle_count);
+    // Two bands that have counted one half each.
+    std::vector<volume::BlockId> even;
+    std::vector<volume::BlockId> odd;
+    std::partition_copy(opaque.begin(), opaque.end(), std::back_inserter(even),
+                        std::back_inserter(odd), [](volume::BlockId id) { return id % 2 == 0; });
+    const frame::AgentStatistics of_odd = count(even, even);
+    const frame::AgentStatistics of_even = count(odd, odd);
+    EXPECT_GT(of_odd.triangle_count, 0);
+    EXPECT_EQ(of_odd.triangle_count + of_even.triangle_count, alone.statistics.triangle_count);
+    EXPECT_EQ(of_odd.unique_vertex_count + of_even.unique_vertex_count,
+              alone.statistics.unique_vertex_count);
+  }
 }
 
 // A frame of several surfaces is the composite of frames of each, and reads a block once.

@@ -34,7 +34,8 @@ class ReductionTest : public ::testing::Test {
                          .layout = &layout_,
                          .active = nullptr,
                          .images = images_.get(),
-                         .arena = &arena_},
+                         .arena = &arena_,
+                         .keeps_blocks = keeps_blocks_},
                         active_.size(), images_->Take(kWidth, kHeight));
     for (std::size_t i = 0; i < active_.size(); ++i) {
       reduction.AddRayHits(i, hits[i], active_[i]);
@@ -48,6 +49,7 @@ class ReductionTest : public ::testing::Test {
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
   base::TaskArena arena_{2};
   frame::FrameSpec spec_;
+  bool keeps_blocks_ = false;
   std::vector<Blocks> active_ = {Every(3, 0), Every(3, 1), Every(3, 2)};
 };
 
@@ -90,6 +92,36 @@ TEST_F(ReductionTest, EveryPartGetsItsOwnOfTheOccludingBlocks) {
     EXPECT_THAT(Blocks(begin + static_cast<std::ptrdiff_t>(begins[i]),
                        begin + static_cast<std::ptrdiff_t>(begins[i + 1])),
                 ElementsAreArray(active_[i]));
+  }
+}
+
+TEST_F(ReductionTest, BlocksAreKeptForTheNextBandIfTheyAreAskedFor) {
+  for (const bool keeps : {false, true}) {
+    keeps_blocks_ = keeps;
+    Reduction reduction = Make({{21}, {}, {}});
+    for (const std::string& band : ShuffledBands(Wall(), 1)) {
+      ISOSCOPE_ASSERT_OK(reduction.CompositeBand(band));
+    }
+    reduction.SelectVisible([](std::size_t, Reduction::PartBlocks*) {});
+    std::vector<PartBlocks> told;
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      told.push_back(*reduction.BlocksOf(i));
+    }
+    const ReducedFrame reduced = reduction.Take();
+    ASSERT_EQ(reduced.blocks.size(), keeps ? active_.size() : 0U);
+    EXPECT_EQ(reduced.ray_hit_block_count, 1);
+    if (!keeps) {
+      continue;
+    }
+    EXPECT_THAT(reduced.ray_hits.Ids(), ElementsAre(21));
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < told.size(); ++i) {
+      EXPECT_EQ(reduced.blocks[i].occluders, told[i].occluders);
+      EXPECT_EQ(reduced.blocks[i].visible, told[i].visible);
+      EXPECT_TRUE(reduced.blocks[i].open_pixels.empty());
+      count += told[i].occluders.size() + told[i].visible.size();
+    }
+    EXPECT_GT(count, 0U);
   }
 }
 

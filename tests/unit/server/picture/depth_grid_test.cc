@@ -74,6 +74,42 @@ TEST(DepthGridTest, NarrowAndTinyPicturesHaveAPointForEachPixelAtMost) {
   }
 }
 
+// The pixels of one band alone decide neither the nearest nor the farthest distance.
+TEST(DepthGridTest, BandsGiveTheGridOfTheWhole) {
+  constexpr int kWidth = 50;
+  constexpr int kHeight = 40;
+  image::FrameImage image(kWidth, kHeight);
+  for (int y = 3; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth - 5; ++x) {
+      image.Set(x, y, image::FragmentKey(static_cast<float>(x + 3 * y + 1) / 256, 3),
+                {1, 2, 3, 255});
+    }
+  }
+  const view::View view = MakeView(kWidth, kHeight);
+  const DepthGrid whole = MakeDepthGrid(image, view, 16);
+  constexpr int kMargin = 2;
+  DepthGridBuilder builder({kWidth, kHeight}, 16);
+  for (const view::Region& band :
+       {view::Region{0, 0, 20, 17}, {20, 0, 30, 17}, {0, 17, 20, 23}, {20, 17, 30, 23}}) {
+    image::FrameImage part(band.width_px + kMargin, band.height_px + kMargin);
+    for (int y = 0; y < band.height_px; ++y) {
+      for (int x = 0; x < band.width_px; ++x) {
+        const std::uint64_t key = image.keys[image.IndexOf(band.x + x, band.y + y)];
+        if (key != image::kBackgroundKey) {
+          part.Set(kMargin + x, kMargin + y, key, {1, 2, 3, 255});
+        }
+      }
+    }
+    builder.Add(band, part, view, kMargin, kMargin);
+  }
+  const DepthGrid joined = builder.Make();
+  EXPECT_EQ(joined.width, whole.width);
+  EXPECT_EQ(joined.height, whole.height);
+  EXPECT_EQ(joined.near_distance, whole.near_distance);
+  EXPECT_EQ(joined.far_distance, whole.far_distance);
+  EXPECT_EQ(joined.depths, whole.depths);
+}
+
 TEST(DepthGridTest, OneDepthIsTheValueZero) {
   image::FrameImage image(4, 4);
   image.Set(1, 1, image::FragmentKey(0.5F, 3), {1, 2, 3, 255});

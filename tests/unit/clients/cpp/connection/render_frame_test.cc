@@ -35,7 +35,7 @@ class Frames final : public v1::IsosurfaceService::Service {
   }
 };
 
-TEST(RenderFrameTest, LargePlanesComeInParts) {
+TEST(RenderFrameTest, LargePicturesAndPlanesComeInParts) {
   Frames frames;
   grpc::ServerBuilder builder;
   builder.RegisterService(&frames);
@@ -48,10 +48,14 @@ TEST(RenderFrameTest, LargePlanesComeInParts) {
   v1::RenderIsosurfaceRequest request;
   request.mutable_viewport()->set_width_px(4096);
   request.mutable_viewport()->set_height_px(4096);
+  EXPECT_EQ(way_of(request), "parts") << "a picture of noise has 64 MiB";
+  request.mutable_viewport()->set_width_px(2048);
+  request.mutable_viewport()->set_height_px(2048);
   EXPECT_EQ(way_of(request), "whole");
-  RequestPlanes({.depth = "d.npy"}, request.mutable_output());
+  RequestPlanes({.depth = "d.npy", .normal = "n.npy"}, request.mutable_output());
   EXPECT_EQ(way_of(request), "whole") << "64 MiB";
-  RequestPlanes({.depth = "d.npy", .surface_index = "s.npy"}, request.mutable_output());
+  RequestPlanes({.depth = "d.npy", .surface_index = "s.npy", .normal = "n.npy"},
+                request.mutable_output());
   EXPECT_EQ(way_of(request), "parts");
   request.mutable_region()->set_width_px(100);
   request.mutable_region()->set_height_px(100);

@@ -1,0 +1,200 @@
+// The bands of a PictureJob:
+//
+// 1. RenderOutput asks for the plan, which the memory of the coordinator decides, and knows agents of
+//    its own process. Agents elsewhere say that a band is too large; then all begins again with bands
+//    of half the pixels, which AgentRoom keeps for the next frames. These are at most some twenty
+//    tries, of which all but the last draw little.
+// 2. RenderAllBands draws one band after another, each as a region of the picture.
+// 3. RenderBands begins again, with the parts that are left, if a part is lost in between
+//    (allow_partial).
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/log.h"
+#include "core/base/monotonic_time.h"
+#include "core/base/status_macros.h"
+#include "core/frame/drawn_window.h"
+#include "server/frame/color_ranges.h"
+#include "server/frame/picture_job.h"
+#include "server/frame/render_statistics.h"
+#include "wire/color_range_convert.h"
+
+namespace isoscope::server {
+namespace {
+
+std::size_t DrawnPixelsOf(const frame::FrameSpec& spec) {
+  const view::Viewport drawn = frame::DrawnWindowOf(spec).image_size();
+  return static_cast<std::size_t>(drawn.width_px) * static_cast<std::size_t>(drawn.height_px);
+}
+
+int DrawnLayersOf(const frame::FrameSpec& spec) {
+  return frame::HasLayers(spec) ? spec.max_layers : 0;
+}
+
+bool DrawnByOpenGl(const FrameTarget& target, const frame::FrameSpec& spec) {
+  return frame::DrawnBy(spec, target.dataset->picture_revision.back_end) == frame::BackEnd::kEgl;
+}
+
+// An error for which bands of fewer pixels are no help.
+absl::Status NamedForOpenGl(const absl::Status& error) {
+  return {error.code(),
+          absl::StrCat(error.message(),
+                       "; the agents draw with OpenGL, which takes the whole picture also for a "
+                       "band of it: start them with --renderer cpu")};
+}
+
+}  // namespace
+
+// Draws at once, or in bands; in smaller ones if an agent has no room for these.
+absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+                                      FrameOutput* output) {
+  FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
+  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
+  for (;;) {
+    StartAgain(output);
+    const absl::Status status = bands.count() == 1 ? RenderAtOnce(target, on_drawn, output)
+                                                   : RenderBands(target, bands, on_drawn, output);
+    if (status.ok() && depth_grid_builder_.has_value()) {
+      depth_grid_ = depth_grid_builder_->Make();
+    }
+    if (status.ok()) {
+      return status;
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(target, bands, status, &needs));
+  }
+}
+
+// Ranges of what is visible draw the picture, too.
+absl::Status PictureJob::FindRanges(const FrameTarget& target) {
+  const base::TraceScope trace(recorder(), "colour ranges");
+  const FrameIdentity identity = Identity();
+  FrameToRange frame{
+      .runner = &runner_, .identity = &identity, .target = &target, .parts = &parts_};
+  if (!wire::HasVisibleRanges(asked_.spec)) {
+    return ResolveRanges(frame, &asked_);
+  }
+  FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
+  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
+  for (;;) {
+    frame.bands.clear();
+    for (int i = 0; bands.count() > 1 && i < bands.count(); ++i) {
+      frame.bands.push_back(bands.At(i));
+    }
+    AskedFrame resolved = asked_;
+    const absl::Status status = ResolveRanges(frame, &resolved);
+    if (status.ok()) {
+      asked_ = std::move(resolved);
+      return status;
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(target, bands, status, &needs));
+  }
+}
+
+absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const FrameTarget& target, const BandGrid& bands,
+                                                 const absl::Status& error, FrameNeeds* needs) {
+  if (!MayWorkSmaller(error)) {
+    return error;
+  }
+  if (DrawnByOpenGl(target, asked_.spec)) {
+    return NamedForOpenGl(error);
+  }
+  needs->max_drawn_pixels = DrawnPixelsOf(SpecOfBand(asked_.spec, bands.At(0))) / 2;
+  const absl::StatusOr<BandGrid> smaller = ticket_->PlanFrame(asked_.spec, *needs);
+  if (!smaller.ok()) {
+    return error;
+  }
+  runner_.agent_room().Note(target.dataset->dataset.dataset_id(), DrawnLayersOf(asked_.spec),
+                            needs->max_drawn_pixels);
+  base::LogInfo("frame_in_smaller_bands", {{"request", ticket_->request().request_id()},
+                                           {"bands", smaller->count()},
+                                           {"status", error}});
+  return smaller;
+}
+
+// Begins with bands that agents had room for, if they refused larger ones lately.
+absl::StatusOr<BandGrid> PictureJob::FirstPlan(const FrameTarget& target, FrameNeeds* needs) {
+  const std::size_t room = runner_.agent_room().MostPixels(target.dataset->dataset.dataset_id(),
+                                                           DrawnLayersOf(asked_.spec));
+  if (room > 0 && DrawnPixelsOf(asked_.spec) > room) {
+    FrameNeeds within = *needs;
+    within.max_drawn_pixels = room;
+    const absl::StatusOr<BandGrid> bands = ticket_->PlanFrame(asked_.spec, within);
+    if (bands.ok()) {
+      *needs = within;
+      return *bands;
+    }
+  }
+  return ticket_->PlanFrame(asked_.spec, *needs);
+}
+
+absl::Status PictureJob::RenderBands(const FrameTarget& target, const BandGrid& bands,
+                                     absl::FunctionRef<void()> on_drawn, FrameOutput* output) {
+  for (;;) {
+    const std::size_t part_count = parts_.size();
+    BandJoiner joiner(asked_.spec, IsEncodedByRows(asked_.spec));
+    ISOSCOPE_RETURN_IF_ERROR(RenderAllBands(target, bands, on_drawn, &joiner));
+    if (parts_.size() < part_count) {
+      StartAgain(output);  // some bands have shards that others lack
+      continue;
+    }
+    const base::MonotonicTime encode_start = base::MonotonicNow();
+    const base::TraceScope trace(recorder(), "join bands");
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        *output, base::RunIn(runner_.state().arena.get(), [&] { return joiner.Finish(); }));
+    if (asked_.spec.output.image_format == frame::ImageFormat::kPng) {
+      cost_.png_bytes = static_cast<std::int64_t>(output->image.size());
+    }
+    cost_.encode =
+        cost_.encode.value_or(absl::ZeroDuration()) + base::MonotonicNow() - encode_start;
+    return absl::OkStatus();
+  }
+}
+
+// Returns early if parts are lost.
+absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGrid& bands,
+                                        absl::FunctionRef<void()> on_drawn, BandJoiner* joiner) {
+  const std::size_t part_count = parts_.size();
+  const frame::FrameSpec& whole = asked_.spec;
+  band_pixel_count_ =
+      static_cast<std::int64_t>(DrawnPixelsOf(BandInTheMiddle(whole, bands.band())));
+  DrawnBlocks drawn(target.layout.block_count());
+  FrameCost cost;
+  for (int i = 0; i < bands.count(); ++i) {
+    const frame::FrameSpec spec = SpecOfBand(whole, bands.At(i));
+    FrameTarget of_band = target;
+    ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, view::View::Make(*spec.camera, spec.viewport,
+                                                             target.view.geometry(), spec.region));
+    const Piece piece{.spec = spec,
+                      .target = of_band,
+                      .band = bands.At(i),
+                      .context = {.drawn = &drawn, .drawing_count = 2 * bands.count()},
+                      .drawn = &drawn,
+                      .joiner = joiner};
+    const bool is_last = i + 1 == bands.count();
+    ISOSCOPE_RETURN_IF_ERROR(RenderBand(piece, [&] {
+      if (is_last) {
+        on_drawn();
+      }
+    }));
+    if (parts_.size() < part_count) {
+      return absl::OkStatus();
+    }
+    if (i == 0) {
+      cost = std::move(cost_);
+    } else {
+      // Without culling agents draw, and count, all their blocks for each band.
+      AddBand(cost_, /*has_surface=*/whole.culling != frame::Culling::kNone, &cost);
+    }
+  }
+  cost_ = std::move(cost);
+  drawn.SetCounts(parts_, &cost_);
+  cost_.band_count = bands.count();
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,156 @@
+// A PNG over an opaque background has three channels, so its head is known before its pixels. Its
+// rows are encoded in whole stripes (image::PngRowWriter); rows of a stripe that is not complete wait
+// for the next row of bands. Other compressed pictures wait as pixels: a PNG has three channels or
+// four, which the last pixel may decide, and a JPEG is encoded in one go.
+
+#include "server/picture/band_joiner.h"
+
+#include <algorithm>
+#include <cstring>
+#include <span>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/check.h"
+#include "core/base/no_memory.h"
+#include "core/base/status_macros.h"
+#include "core/image/jpeg_codec.h"
+
+namespace isoscope::server {
+namespace {
+
+std::size_t Times(int a, int b) {
+  return static_cast<std::size_t>(a) * static_cast<std::size_t>(b);
+}
+
+}  // namespace
+
+BandJoiner::BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows)
+    : spec_(spec), size_(frame::ImageSizeOf(spec)) {
+  const frame::OutputSpec& wanted = spec.output;
+  const std::size_t pixels = Times(size_.width_px, size_.height_px);
+  if (is_encoded_by_rows && wanted.image_format == frame::ImageFormat::kPng &&
+      spec.background_color.a == 255) {
+    rows_.emplace(size_.width_px, size_.height_px, /*is_opaque=*/true);
+    encoded_rows_.push_back(rows_->Begin());
+  } else if (wanted.image_format == frame::ImageFormat::kRgba8) {
+    output_.image.resize(pixels * frame::kRgba8Bytes);
+  } else if (wanted.image_format != frame::ImageFormat::kNone) {
+    pixels_.resize(pixels);
+  }
+  output_.depth.resize(wanted.depth ? pixels * frame::kDepthBytes : 0);
+  output_.surface_index.resize(wanted.surface_index ? pixels * frame::kSurfaceIndexBytes : 0);
+  output_.position.resize(wanted.position ? pixels * frame::kPositionBytes : 0);
+  output_.normal.resize(wanted.normal ? pixels * frame::kNormalBytes : 0);
+}
+
+void BandJoiner::AddPicture(const view::Region& band, const image::FrameImage& image) {
+  ISOSCOPE_CHECK_EQ(image.width, band.width_px);
+  ISOSCOPE_CHECK_EQ(image.height, band.height_px);
+  const bool is_raw = spec_.output.image_format == frame::ImageFormat::kRgba8;
+  const bool shows_background = is_raw || rows_.has_value();
+  if (rows_.has_value()) {
+    pixels_.resize(
+        std::max(pixels_.size(), Times(size_.width_px, band.y + band.height_px - begin_row_)));
+  }
+  std::vector<image::Rgba8> row(static_cast<std::size_t>(band.width_px));
+  for (int y = 0; y < band.height_px; ++y) {
+    const auto from = image.colors.begin() + static_cast<std::ptrdiff_t>(image.IndexOf(0, y));
+    std::copy(from, from + band.width_px, row.begin());
+    for (image::Rgba8& color : row) {
+      color = shows_background && color.a == 0 ? spec_.background_color : color;
+      is_opaque_ = is_opaque_ && color.a == 255;
+    }
+    const std::size_t to =
+        Times(size_.width_px, band.y + y - begin_row_) + static_cast<std::size_t>(band.x);
+    if (is_raw) {
+      std::memcpy(output_.image.data() + to * sizeof(image::Rgba8), row.data(),
+                  row.size() * sizeof(image::Rgba8));
+    } else {
+      std::copy(row.begin(), row.end(), pixels_.begin() + static_cast<std::ptrdiff_t>(to));
+    }
+  }
+  if (band.x + band.width_px == size_.width_px) {
+    complete_row_count_ = band.y + band.height_px;
+  }
+}
+
+void BandJoiner::AddPlanes(const view::Region& band, const FrameOutput& planes) {
+  AddPlane(band, frame::kDepthBytes, planes.depth, &output_.depth);
+  AddPlane(band, frame::kSurfaceIndexBytes, planes.surface_index, &output_.surface_index);
+  AddPlane(band, frame::kPositionBytes, planes.position, &output_.position);
+  AddPlane(band, frame::kNormalBytes, planes.normal, &output_.normal);
+}
+
+void BandJoiner::AddPlane(const view::Region& band, std::size_t pixel_bytes,
+                          const std::string& from, std::string* to) const {
+  if (to->empty()) {
+    return;
+  }
+  ISOSCOPE_CHECK_EQ(from.size(), Times(band.width_px, band.height_px) * pixel_bytes);
+  const std::size_t row_bytes = static_cast<std::size_t>(band.width_px) * pixel_bytes;
+  for (int y = 0; y < band.height_px; ++y) {
+    const std::size_t pixel = Times(size_.width_px, band.y + y) + static_cast<std::size_t>(band.x);
+    std::memcpy(to->data() + pixel * pixel_bytes, from.data() + Times(y, 1) * row_bytes, row_bytes);
+  }
+}
+
+absl::Status BandJoiner::EncodeRows() {
+  if (!rows_.has_value()) {
+    return absl::OkStatus();
+  }
+  if (!is_opaque_) {
+    return absl::InternalError("a pixel over an opaque background is translucent");
+  }
+  const int stripe_rows = image::PngRowWriter::RowsPerStripe(size_.width_px);
+  const int waiting = complete_row_count_ - begin_row_;
+  const int count =
+      complete_row_count_ == size_.height_px ? waiting : waiting / stripe_rows * stripe_rows;
+  const std::size_t pixel_count = Times(size_.width_px, count);
+  if (pixel_count > 0) {
+    encoded_rows_.push_back(rows_->Append(std::span(pixels_).first(pixel_count)));
+    pixels_.erase(pixels_.begin(), pixels_.begin() + static_cast<std::ptrdiff_t>(pixel_count));
+    begin_row_ += count;
+  }
+  return absl::OkStatus();
+}
+
+// Frees what it has joined, so that the bytes are there once.
+std::string BandJoiner::TakeEncodedRows() {
+  std::size_t size = 0;
+  for (const std::string& rows : encoded_rows_) {
+    size += rows.size();
+  }
+  std::string all;
+  all.reserve(size);
+  while (!encoded_rows_.empty()) {
+    absl::StrAppend(&all, encoded_rows_.front());
+    encoded_rows_.pop_front();
+  }
+  return all;
+}
+
+absl::StatusOr<FrameOutput> BandJoiner::Finish() {
+  const frame::OutputSpec& wanted = spec_.output;
+  if (rows_.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(EncodeRows());
+    pixels_ = {};
+    encoded_rows_.push_back(rows_->End());
+    output_.image = TakeEncodedRows();
+  } else if (!pixels_.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        output_.image,
+        base::OrNoMemory("the bytes of the picture", [&]() -> absl::StatusOr<std::string> {
+          if (wanted.image_format == frame::ImageFormat::kJpeg) {
+            return image::EncodeJpeg(size_.width_px, size_.height_px, pixels_,
+                                     spec_.background_color, wanted.jpeg_quality);
+          }
+          return image::EncodePng(size_.width_px, size_.height_px, pixels_, spec_.background_color);
+        }));
+    pixels_ = {};
+  }
+  return std::move(output_);
+}
+
+}  // namespace isoscope::server

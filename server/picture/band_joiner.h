@@ -1,0 +1,65 @@
+// Joins the bands of a frame to its output: the bytes that it has if it is drawn at once. No gRPC
+// types.
+
+#ifndef ISOSCOPE_SERVER_PICTURE_BAND_JOINER_H_
+#define ISOSCOPE_SERVER_PICTURE_BAND_JOINER_H_
+
+#include <cstddef>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/frame/frame_spec.h"
+#include "core/image/frame_image.h"
+#include "core/image/png_codec.h"
+#include "core/view/camera.h"
+#include "server/picture/frame_output.h"
+
+namespace isoscope::server {
+
+// Bands come in rows from the top, each row from the left; all of a row have the same height. All
+// functions may throw std::bad_alloc, and work in the tbb::task_arena of the caller.
+// Thread-compatible.
+class BandJoiner {
+ public:
+  // spec:               of the whole; outlives the joiner
+  // is_encoded_by_rows: a PNG over an opaque background is encoded as soon as bands are there, which
+  //                     keeps its encoded bytes in place of its pixels; ignored for other pictures
+  BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows);
+
+  // Adds the picture of a band, given in pixels of the whole. REQUIRES: the image has its size.
+  void AddPicture(const view::Region& band, const image::FrameImage& image);
+  // Adds the planes of a band, without its picture.
+  void AddPlanes(const view::Region& band, const FrameOutput& planes);
+  // Encodes the rows that are complete. Call it when the images of the band are gone. INTERNAL if a
+  // pixel over an opaque background is translucent.
+  absl::Status EncodeRows();
+
+  // Returns the output of the whole. REQUIRES: all bands were added. RESOURCE_EXHAUSTED if memory
+  // runs out.
+  absl::StatusOr<FrameOutput> Finish();
+
+ private:
+  void AddPlane(const view::Region& band, std::size_t pixel_bytes, const std::string& from,
+                std::string* to) const;
+  [[nodiscard]] std::string TakeEncodedRows();
+
+  const frame::FrameSpec& spec_;
+  const view::Viewport size_;
+  std::optional<image::PngRowWriter> rows_;  // not set: the picture is encoded at the end
+  // Pixels from row begin_row_ on: those that are not encoded. Pixels of raw pictures go to output_.
+  std::vector<image::Rgba8> pixels_;
+  int begin_row_ = 0;
+  int complete_row_count_ = 0;
+  bool is_opaque_ = true;
+  std::deque<std::string> encoded_rows_;
+  FrameOutput output_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_PICTURE_BAND_JOINER_H_
