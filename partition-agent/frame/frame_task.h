@@ -18,8 +18,8 @@ struct FrameTask {
   int agent_index = 0;
   int agent_count = 1;
   bool report_active_blocks = true;
-  // Ascending: the agent's blocks whose opaque meshes an earlier band of the picture has counted, and
-  // those whose translucent meshes it has.
+  // Ascending: the agent's blocks whose opaque meshes an earlier band of the picture has counted,
+  // and those whose translucent meshes it has.
   std::vector<volume::BlockId> counted_blocks = {};
   std::vector<volume::BlockId> counted_layer_blocks = {};
 };

@@ -47,8 +47,8 @@ frame::FrameSpec BandInTheMiddle(const frame::FrameSpec& spec, const view::Viewp
 // Returns the frame of a band, given in pixels of the picture.
 frame::FrameSpec SpecOfBand(const frame::FrameSpec& spec, const view::Region& band);
 
-// Returns the bands that fit and cost least: few, whole rows where that is no dearer, and few pixels
-// that two of them draw for their effects. None if the smallest band does not fit.
+// Returns the bands that fit and cost least: few, whole rows where that is no dearer, and few
+// pixels that two of them draw for their effects. None if the smallest band does not fit.
 //
 // fits: whether a band of this size can be drawn. If it can, so can each that is no larger.
 std::optional<BandGrid> BestBands(const frame::FrameSpec& spec,

@@ -7,12 +7,12 @@
 //   1/8    the process and gRPC
 //
 // A frame is drawn at once if it fits the share of frames, one view and the agents of this process.
-// Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share, because
-// the end of one band overlaps with the begin of the next: allocators return memory late. The same
-// 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
+// Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share,
+// because the end of one band overlaps with the begin of the next: allocators return memory late.
+// The same 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
 //
-// A frame that neither way fits is refused. The limit that the refusal names is the least with which
-// the smallest band fits.
+// A frame that neither way fits is refused. The limit that the refusal names is the least with
+// which the smallest band fits.
 
 #include "server/admission/coordinator_memory.h"
 
@@ -131,8 +131,8 @@ bool CoordinatorMemory::AgentsFit(const frame::FrameSpec& spec, std::size_t limi
   return agent_limit_ == nullptr || agent_limit_(spec) <= limit_bytes;
 }
 
-// A band takes 3/4 of what agents have for pixels: one that is a third higher would fit, too. OpenGL
-// takes the same for each band, the whole.
+// A band takes 3/4 of what agents have for pixels: one that is a third higher would fit, too.
+// OpenGL takes the same for each band, the whole.
 bool CoordinatorMemory::AgentsFitBand(const frame::FrameSpec& spec, const view::Viewport& band,
                                       std::size_t limit_bytes) const {
   const int height =

@@ -1,5 +1,5 @@
-// The memory limit of a coordinator, and its shares (docs/operations.md, "Memory"). It decides which
-// frames are drawn at once, which in bands, and which not at all.
+// The memory limit of a coordinator, and its shares (docs/operations.md, "Memory"). It decides
+// which frames are drawn at once, which in bands, and which not at all.
 
 #ifndef ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
 #define ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
@@ -32,7 +32,7 @@ struct FrameWish {
 // What is known of a frame once its dataset is.
 struct FrameNeeds {
   std::size_t counting_bytes = 0;  // to count what several bands draw once
-  // The most drawn pixels of a band, samples and margin included, because of an agent's limit; 0: any.
+  // The most drawn pixels of a band, with samples and margin, because of an agent's limit; 0: any.
   std::size_t max_drawn_pixels = 0;
 };
 
@@ -64,16 +64,16 @@ class CoordinatorMemory {
   [[nodiscard]] std::size_t trace_bytes() const;
   [[nodiscard]] std::size_t max_trace_spans() const { return trace_bytes() / kTraceSpanBytes; }
 
-  // RESOURCE_EXHAUSTED if the frame can never fit, in bands neither: says size, bytes and limit, and
-  // the least limit that is enough.
+  // RESOURCE_EXHAUSTED if the frame can never fit, in bands neither: says size, bytes and limit,
+  // and the least limit that is enough.
   [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, const FrameWish& wish) const;
   // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`
   // if it fires first. A frame in bands leaves a quarter of what its answer leaves to others.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation);
   // Returns the bands in which a frame is drawn that has its memory: one if it is drawn at once.
-  // With max_drawn_pixels it is drawn in bands even if it fits. CULLING_MASK is always drawn at once.
-  // Errors as CheckFits.
+  // With max_drawn_pixels it is drawn in bands even if it fits. CULLING_MASK is always drawn at
+  // once. Errors as CheckFits.
   [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
                                                    const FrameWish& wish,
                                                    const FrameNeeds& needs) const;

@@ -16,8 +16,8 @@
 namespace isoscope::server {
 namespace {
 
-// Bytes for a pixel, or for a translucent fragment of one: pixel bands that have arrived and wait to
-// be composited.
+// Bytes for a pixel, or for a translucent fragment of one: pixel bands that have arrived and wait
+// to be composited.
 constexpr std::size_t kBandBytesPerPixel = 8;
 // Bytes for a pixel: 12 for the image (key and colour), 6 for the occlusion map, and its bands.
 constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + kBandBytesPerPixel;

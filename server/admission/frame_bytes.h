@@ -16,16 +16,16 @@ enum class Delivery {
   kParts,  // as a stream
 };
 
-// Returns the bytes that a frame takes in the coordinator until its response is sent, if it is drawn
-// at once. They are those of the drawn image with its samples and its margin, occlusion map, pixel
-// bands on their way, planes, picture and response.
+// Returns the bytes that a frame takes in the coordinator until its response is sent, if it is
+// drawn at once. They are those of the drawn image with its samples and its margin, occlusion map,
+// pixel bands on their way, planes, picture and response.
 std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
 
 // Returns the part of FrameBytes for pixel bands that have arrived and are not composited yet.
 std::size_t WaitingBandBytes(const frame::FrameSpec& spec);
 
-// Whether the picture of a frame that is drawn in bands is encoded row of bands by row of bands. All
-// others are held as pixels until the last band.
+// Whether the picture of a frame that is drawn in bands is encoded row of bands by row of bands.
+// All others are held as pixels until the last band.
 bool IsEncodedByRows(const frame::FrameSpec& spec);
 
 // The bytes of a frame that is drawn in bands, by stage.

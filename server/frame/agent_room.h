@@ -1,5 +1,5 @@
-// What agents elsewhere had memory for lately. The coordinator learns their limits from refusals, so
-// that not every large frame is refused first.
+// What agents elsewhere had memory for lately. The coordinator learns their limits from refusals,
+// so that not every large frame is refused first.
 
 #ifndef ISOSCOPE_SERVER_FRAME_AGENT_ROOM_H_
 #define ISOSCOPE_SERVER_FRAME_AGENT_ROOM_H_
@@ -30,8 +30,8 @@ class AgentRoom {
 
   explicit AgentRoom(Clock now = base::MonotonicNow) : now_(std::move(now)) {}
 
-  // Returns the most drawn pixels that the agents of a dataset may have room for, of frames with this
-  // number of layers; 0: unknown.
+  // Returns the most drawn pixels that the agents of a dataset may have room for, of frames with
+  // this number of layers; 0: unknown.
   [[nodiscard]] std::size_t MostPixels(const std::string& dataset_id, int max_layers)
       ABSL_LOCKS_EXCLUDED(mutex_);
   // Agents had no room for twice as many. pixels: at least 1

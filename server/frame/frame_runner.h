@@ -44,8 +44,8 @@ using wire::AskedFrame;
 
 // The place of a drawing among those of its call.
 struct DrawingContext {
-  // The blocks that earlier bands of the picture have drawn: agents do not count them again, and the
-  // result has its own. Null: the drawing counts by itself.
+  // The blocks that earlier bands of the picture have drawn: agents do not count them again, and
+  // the result has its own. Null: the drawing counts by itself.
   const DrawnBlocks* drawn = nullptr;
   int drawing_count = 1;  // of the call; they share the spans of its trace
 };

@@ -1,9 +1,9 @@
 // The bands of a PictureJob:
 //
-// 1. RenderOutput asks for the plan, which the memory of the coordinator decides, and knows agents of
-//    its own process. Agents elsewhere say that a band is too large; then all begins again with bands
-//    of half the pixels, which AgentRoom keeps for the next frames. These are at most some twenty
-//    tries, of which all but the last draw little.
+// 1. RenderOutput asks for the plan, which the memory of the coordinator decides. It knows agents
+//    of its own process. Agents elsewhere say that a band is too large; then all begins again with
+//    bands of half the pixels, which AgentRoom keeps for the next frames. These are at most some
+//    twenty tries, of which all but the last draw little.
 // 2. RenderAllBands draws one band after another, each as a region of the picture.
 // 3. RenderBands begins again, with the parts that are left, if a part is lost in between
 //    (allow_partial).

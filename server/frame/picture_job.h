@@ -10,8 +10,8 @@
 //
 // What does not fit memory, of the coordinator or of an agent, is drawn in bands: regions of the
 // picture, each with steps 2 and 3, that a BandJoiner joins. Camera and colour ranges are resolved
-// before, for the whole. If an agent has no memory for a band, all begins again with bands of half the
-// pixels. DrawnBlocks keeps what was counted.
+// before, for the whole. If an agent has no memory for a band, all begins again with bands of half
+// the pixels. DrawnBlocks keeps what was counted.
 //
 // A picture with several samples, or with effects that read neighbouring pixels, is drawn in a
 // larger window (core/frame/drawn_window) and finished by picture_finish. Planes are those of one

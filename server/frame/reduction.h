@@ -68,7 +68,8 @@ struct ReducedFrame {
   // The active blocks of the setup, or those that the agents reported. Null with kNone.
   std::shared_ptr<const ActiveBlocks> active;
   std::int64_t ray_hit_block_count = 0;
-  // If the setup keeps them: the hits, and by part the blocks, without open pixels. Empty with kNone.
+  // If the setup keeps them: the hits, and by part the blocks, without open pixels. Empty with
+  // kNone.
   volume::BlockSet ray_hits = {};
   std::vector<PartBlocks> blocks = {};
 };

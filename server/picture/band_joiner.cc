@@ -1,7 +1,7 @@
 // A PNG over an opaque background has three channels, so its head is known before its pixels. Its
-// rows are encoded in whole stripes (image::PngRowWriter); rows of a stripe that is not complete wait
-// for the next row of bands. Other compressed pictures wait as pixels: a PNG has three channels or
-// four, which the last pixel may decide, and a JPEG is encoded in one go.
+// rows are encoded in whole stripes (image::PngRowWriter); rows of a stripe that is not complete
+// wait for the next row of bands. Other compressed pictures wait as pixels: a PNG has three
+// channels or four, which the last pixel may decide, and a JPEG is encoded in one go.
 
 #include "server/picture/band_joiner.h"
 

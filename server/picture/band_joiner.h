@@ -27,7 +27,8 @@ namespace isoscope::server {
 class BandJoiner {
  public:
   // spec:               of the whole; outlives the joiner
-  // is_encoded_by_rows: a PNG over an opaque background is encoded as soon as bands are there, which
+  // is_encoded_by_rows: a PNG over an opaque background is encoded as soon as bands are there,
+  // which
   //                     keeps its encoded bytes in place of its pixels; ignored for other pictures
   BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows);
 
@@ -51,7 +52,8 @@ class BandJoiner {
   const frame::FrameSpec& spec_;
   const view::Viewport size_;
   std::optional<image::PngRowWriter> rows_;  // not set: the picture is encoded at the end
-  // Pixels from row begin_row_ on: those that are not encoded. Pixels of raw pictures go to output_.
+  // Pixels from row begin_row_ on: those that are not encoded. Pixels of raw pictures go to
+  // output_.
   std::vector<image::Rgba8> pixels_;
   int begin_row_ = 0;
   int complete_row_count_ = 0;

@@ -28,12 +28,12 @@ inline constexpr std::uint16_t kGridBackground = 65535;
 // Makes the grid of a picture that is drawn in bands, or at once. Thread-compatible.
 class DepthGridBuilder {
  public:
-  // The grid has width x height points, so that the longer side has `longer_side` points, or as many
-  // as the picture has pixels. REQUIRES: longer_side >= 1.
+  // The grid has width x height points, so that the longer side has `longer_side` points, or as
+  // many as the picture has pixels. REQUIRES: longer_side >= 1.
   DepthGridBuilder(const view::Viewport& picture, int longer_side);
 
-  // Takes the points that lie in the band of the picture that `image` shows from its pixel (margin_x,
-  // margin_y) on. O(points). REQUIRES: `view` is that of the image.
+  // Takes the points that lie in the band of the picture that `image` shows from its pixel
+  // (margin_x, margin_y) on. O(points). REQUIRES: `view` is that of the image.
   //
   // band: in pixels of the picture
   void Add(const view::Region& band, const image::FrameImage& image, const view::View& view,

@@ -11,8 +11,8 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
-// A single message is copied less often than parts, but needs memory for the whole twice. The server
-// takes a picture for as large as its pixels.
+// A single message is copied less often than parts, but needs memory for the whole twice. The
+// server takes a picture for as large as its pixels.
 constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
 constexpr std::size_t kMaxUnaryPixels = std::size_t{6} << 20;
 

@@ -589,6 +589,24 @@ TEST_F(PartitionAgentServiceTest, MessagesThatAreDamagedOnTheirWayAreNotTheCoord
             "UNAVAILABLE");
 }
 
+TEST_F(PartitionAgentServiceTest, CountedBlocksThatAreNoBlocksAreRefused) {
+  const auto block_count = static_cast<std::int64_t>(dataset_.layout().block_count());
+  for (const auto& deltas :
+       {std::vector<std::int64_t>{-1}, {block_count}, {3, 0}, {3, block_count}}) {
+    for (const bool is_of_layers : {false, true}) {
+      v1::RenderFrameRequest begin = Begin(frame::Culling::kDepth);
+      v1::BlockList* const list = is_of_layers
+                                      ? begin.mutable_begin()->mutable_counted_layer_blocks()
+                                      : begin.mutable_begin()->mutable_counted_blocks();
+      list->mutable_block_id_deltas()->Assign(deltas.begin(), deltas.end());
+      const grpc::Status status = EndOf(begin);
+      EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT");
+      EXPECT_THAT(status.error_message(),
+                  HasSubstr(is_of_layers ? "begin.counted_layer_blocks" : "begin.counted_blocks"));
+    }
+  }
+}
+
 TEST_F(PartitionAgentServiceTest, AMailboxOfAnotherProcessIsRefused) {
   v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
   begin.mutable_begin()->set_mailbox(1);
