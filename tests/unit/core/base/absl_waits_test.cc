@@ -61,9 +61,9 @@ TEST_F(AbslWaitsTest, AWaitUntilTheSystemsDateEndsInTimeWhileAbseilsIsOld) {
   absl::CondVar never;
   for (int round = 0; round < 20; ++round) {
     testing::SetDateOffset(round % 2 == 0 ? kJumpSeconds : 0);
+    const MonotonicTime begin = MonotonicNow();
     timespec date{};
     ASSERT_EQ(clock_gettime(CLOCK_REALTIME, &date), 0);
-    const MonotonicTime begin = MonotonicNow();
     const absl::MutexLock lock(&mutex);
     EXPECT_TRUE(
         never.WaitWithDeadline(&mutex, absl::TimeFromTimespec(date) + absl::Milliseconds(20)));
