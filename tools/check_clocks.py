@@ -31,6 +31,7 @@ DATED = {
     "bench/machine.cc": "results have dates",
     "scripts/package.sh": "times of files",
     "tests/unit/client-cli/session/cache_entry_test.cc": "times of files",
+    "tests/unit/core/base/absl_waits_test.cc": "ends of waits as gRPC gives them",
     "tests/unit/core/base/monotonic_time_test.cc": "a date does not become a monotonic time",
     "tests/unit/rpc/grpc_time_test.cc": "gRPC gives some times as dates",
     "clients/web/view/state-stream.js": "the browser reads the date once: its page and its workers share that origin",

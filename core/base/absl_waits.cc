@@ -43,6 +43,16 @@ constexpr absl::Duration kMaxAbslWait = absl::Hours(24 * 365);
 
 thread_local bool was_called = false;
 
+// The time until a date. For seconds after the date was set, absl::Now may have the old one. The end
+// may come from absl::Now or, as those of gRPC, from the system: the one of its own clock is nearer.
+absl::Duration TimeUntil(absl::Time end) {
+  timespec date{};
+  clock_gettime(CLOCK_REALTIME, &date);
+  const absl::Duration by_system = end - absl::TimeFromTimespec(date);
+  const absl::Duration by_abseil = end - absl::Now();
+  return absl::AbsDuration(by_system) < absl::AbsDuration(by_abseil) ? by_system : by_abseil;
+}
+
 bool WaitForPost(absl_internal::KernelTimeout timeout) {
   was_called = true;
   absl_internal::Waiter* const waiter =
@@ -50,7 +60,7 @@ bool WaitForPost(absl_internal::KernelTimeout timeout) {
   if (!timeout.has_timeout()) {
     return waiter->Wait(timeout);
   }
-  const absl::Duration wait = absl::TimeFromTimespec(timeout.MakeAbsTimespec()) - absl::Now();
+  const absl::Duration wait = TimeUntil(absl::TimeFromTimespec(timeout.MakeAbsTimespec()));
   const MonotonicTime end = MonotonicNow() + std::min(wait, kMaxAbslWait);
   const timespec kernel_end = absl::ToTimespec(absl::FromChrono(end.ToChrono().time_since_epoch()));
   const absl_internal::KernelTimeout passed(absl::UnixEpoch());

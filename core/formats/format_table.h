@@ -33,7 +33,7 @@ struct FileRequest {
   std::string axes{};  // as SeriesOptions::axes; "": the file says it
 };
 
-struct Format {
+struct Format {  // NOLINT(clang-analyzer-optin.performance.Padding): members stand by topic
   absl::string_view name;              // "MRC"
   std::vector<std::string> endings{};  // in lower case: ".mrc", or HasEnding; a part may be behind
   std::string more_names{};            // what else a path may be, for people

@@ -1,5 +1,7 @@
 #include "core/base/absl_waits.h"
 
+#include <cstdint>
+#include <ctime>
 #include <thread>
 
 #include "absl/synchronization/mutex.h"
@@ -51,6 +53,36 @@ TEST_F(AbslWaitsTest, AWaitDoesNotEndEarlyThoughTheDateIsSetForth) {
   }
   EXPECT_GE(MonotonicNow() - begin, absl::Milliseconds(400));
   sets.join();
+}
+
+// After a jump absl::Now may have the old date for seconds. gRPC's ends come from the system's date.
+TEST_F(AbslWaitsTest, AWaitUntilTheSystemsDateEndsInTimeWhileAbseilsIsOld) {
+  absl::Mutex mutex;
+  absl::CondVar never;
+  for (int round = 0; round < 20; ++round) {
+    testing::SetDateOffset(round % 2 == 0 ? kJumpSeconds : 0);
+    const MonotonicTime begin = MonotonicNow();
+    timespec date{};
+    ASSERT_EQ(clock_gettime(CLOCK_REALTIME, &date), 0);
+    const absl::MutexLock lock(&mutex);
+    EXPECT_TRUE(
+        never.WaitWithDeadline(&mutex, absl::TimeFromTimespec(date) + absl::Milliseconds(20)));
+    EXPECT_GE(MonotonicNow() - begin, absl::Milliseconds(20)) << round;
+    EXPECT_LT(MonotonicNow() - begin, kLimit) << round;
+  }
+}
+
+TEST_F(AbslWaitsTest, AWaitUntilAbseilsDateEndsInTimeWhileThatIsOld) {
+  absl::Mutex mutex;
+  absl::CondVar never;
+  for (int round = 0; round < 20; ++round) {
+    testing::SetDateOffset(round % 2 == 0 ? kJumpSeconds : 0);
+    const MonotonicTime begin = MonotonicNow();
+    const absl::MutexLock lock(&mutex);
+    EXPECT_TRUE(never.WaitWithTimeout(&mutex, absl::Milliseconds(20)));
+    EXPECT_GE(MonotonicNow() - begin, absl::Milliseconds(20)) << round;
+    EXPECT_LT(MonotonicNow() - begin, kLimit) << round;
+  }
 }
 
 TEST_F(AbslWaitsTest, ASignalEndsAWaitBeforeItsTime) {
