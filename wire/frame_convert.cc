@@ -241,6 +241,7 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
   ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
   ISOSCOPE_ASSIGN_OR_RETURN(spec.effects, EffectsFromProto(request));
   ISOSCOPE_RETURN_IF_ERROR(frame::CheckDrawnWindow(spec));
+  ISOSCOPE_RETURN_IF_ERROR(CheckRangesOfRegion(spec));
   if (spec.output.image_format == frame::ImageFormat::kJpeg && spec.background_color.a != 255) {
     return absl::InvalidArgumentError(
         absl::StrCat("background_color.alpha is ", request.background_color().alpha(),

@@ -126,6 +126,10 @@ isoscope::internal::v1::VolumeDescription ToProto(const store::ScalarVolume& vol
     proto.mutable_value_range()->set_min(volume.value_range.min);
     proto.mutable_value_range()->set_max(volume.value_range.max);
   }
+  if (volume.finite_range.has_value() && volume::IsFinite(*volume.finite_range)) {
+    proto.mutable_finite_range()->set_min(volume.finite_range->min);
+    proto.mutable_finite_range()->set_max(volume.finite_range->max);
+  }
   if (volume.max_gradient_magnitude.has_value()) {
     proto.set_max_gradient_magnitude(*volume.max_gradient_magnitude);
   }

@@ -3,8 +3,8 @@
 // and base_color, never both.
 //
 // Numbers are checked with InRange or CheckFinite, which refuse NaN, and directions with
-// CheckLength. A range of colours that the request leaves out is filled in later by
-// ResolveColorRanges, because it depends on the dataset.
+// CheckLength. A range of colours that the request leaves out is filled in later, because it depends
+// on the dataset (color_range_convert.h).
 
 #include "wire/surface_convert.h"
 
@@ -88,18 +88,6 @@ absl::StatusOr<frame::ColorMap> ColorMapFromProto(v1::ColorMap proto, const std:
                        "or 6 (grey)");
 }
 
-absl::StatusOr<frame::ColorRange> ColorRangeFromProto(const v1::ColorRange& proto,
-                                                      const std::string& path) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.min(), absl::StrCat(path, ".min")));
-  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.max(), absl::StrCat(path, ".max")));
-  if (!(proto.max() > proto.min()) || !std::isfinite(proto.max() - proto.min())) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ".max is ", proto.max(), ": must be greater than ", path,
-                     ".min, which is ", proto.min(), ", by a number that is finite"));
-  }
-  return frame::ColorRange{.min = proto.min(), .max = proto.max()};
-}
-
 // The field of QUANTITY_FIELD, which no other quantity has.
 absl::Status SetField(const v1::ColorBy& proto, absl::string_view path, frame::ColorBy* color_by) {
   if (color_by->quantity == Quantity::kField) {
@@ -119,31 +107,6 @@ absl::Status SetField(const v1::ColorBy& proto, absl::string_view path, frame::C
                      ", which shows no other field: must be unset"));
   }
   return absl::OkStatus();
-}
-
-// The range of a map over samples of these ranges (v1::Dataset, v1::FieldComponent).
-template <typename Samples>
-absl::StatusOr<frame::ColorRange> RangeOfSamples(const Samples& samples, const std::string& path) {
-  if (!samples.has_value_range()) {
-    return frame::ColorRange();
-  }
-  const v1::ValueRange& values =
-      samples.has_finite_range() ? samples.finite_range() : samples.value_range();
-  if (!std::isfinite(values.min()) || !std::isfinite(values.max())) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path,
-        " is not set: required, because there are infinite samples, and the dataset does not "
-        "tell the range of the finite ones; give the range (MAP:MIN,MAX), or partition the "
-        "volume anew"));
-  }
-  return frame::ColorRangeOfSamples(values.min(), values.max());
-}
-
-v1::ColorRange RangeToProto(const frame::ColorRange& range) {
-  v1::ColorRange proto;
-  proto.set_min(range.min);
-  proto.set_max(range.max);
-  return proto;
 }
 
 absl::StatusOr<frame::Light> LightFromProto(const v1::Light& proto, const std::string& path) {
@@ -191,20 +154,6 @@ absl::StatusOr<frame::Surface> SurfaceFromProto(const v1::Surface& proto, const 
         "nothing"));
   }
   return surface;
-}
-
-// The range of the map of a surface that shows the gradient.
-absl::StatusOr<frame::ColorRange> GradientRangeOf(const v1::Dataset& dataset,
-                                                  const std::string& path) {
-  if (!dataset.has_max_gradient_magnitude()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path, ".range is not set: required, because dataset '", dataset.name(),
-        "' was partitioned by a version that did not store max_gradient_magnitude; give the "
-        "range (--color-by gradient:MAP:MIN,MAX), or partition the volume anew"));
-  }
-  // A field that is constant has no surface; its map still needs a range.
-  const double max = dataset.max_gradient_magnitude();
-  return frame::ColorRange{.min = 0, .max = max > 0 ? max : 1};
 }
 
 // The surface of a request that lists none.
@@ -303,8 +252,14 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const v1::ColorBy& proto, absl::
         InRange(opacity.at_max(), 0, 1, absl::StrCat(path, ".opacity.at_max")));
   }
   if (proto.has_range()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(color_by.range,
-                              ColorRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
+    ISOSCOPE_ASSIGN_OR_RETURN(const AskedRange asked,
+                              AskedRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
+    if (asked.percentiles.has_value()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ".range.percentiles is set: must be unset, only caps have percentiles"));
+    }
+    color_by.range = asked.range;
+    color_by.range_source = asked.source;
   }
   return color_by;
 }
@@ -323,8 +278,11 @@ absl::StatusOr<frame::ClipCaps> ClipCapsFromProto(const v1::ClipCaps& proto,
   ISOSCOPE_ASSIGN_OR_RETURN(caps.map,
                             ColorMapFromProto(proto.color_map(), absl::StrCat(path, ".color_map")));
   if (proto.has_range()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(caps.range,
-                              ColorRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
+    ISOSCOPE_ASSIGN_OR_RETURN(const AskedRange asked,
+                              AskedRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
+    caps.range = asked.range;
+    caps.range_source = asked.source;
+    caps.percentiles = asked.percentiles;
   }
   return caps;
 }
@@ -404,8 +362,10 @@ v1::ColorBy ToProto(const frame::ColorBy& color_by) {
   proto.set_field(color_by.field);
   proto.set_component(color_by.component);
   proto.set_color_map(EnumToProto(kColorMaps, color_by.map));
-  if (color_by.range.has_value()) {
-    *proto.mutable_range() = RangeToProto(*color_by.range);
+  if (const auto range =
+          ToProto(AskedRange{.range = color_by.range, .source = color_by.range_source});
+      range.has_value()) {
+    *proto.mutable_range() = *range;
   }
   if (color_by.is_translucent()) {
     proto.mutable_opacity()->set_at_min(color_by.opacity_at_min);
@@ -419,8 +379,10 @@ v1::ClipCaps ToProto(const frame::ClipCaps& caps) {
   if (caps.map.has_value()) {
     proto.set_color_map(EnumToProto(kColorMaps, *caps.map));
   }
-  if (caps.range.has_value()) {
-    *proto.mutable_range() = RangeToProto(*caps.range);
+  if (const auto range = ToProto(AskedRange{
+          .range = caps.range, .source = caps.range_source, .percentiles = caps.percentiles});
+      range.has_value()) {
+    *proto.mutable_range() = *range;
   }
   return proto;
 }
@@ -441,26 +403,6 @@ absl::StatusOr<image::Rgba8> NanColorFromProto(const v1::Color& proto) {
                      ": must be 1, missing values have the opacity of the surface"));
   }
   return ColorFromProto(proto, "nan_color");
-}
-
-absl::StatusOr<frame::ColorRange> ColorRangeOf(const v1::FieldComponent& component,
-                                               const std::string& path) {
-  return RangeOfSamples(component, path);
-}
-
-absl::Status ResolveColorRanges(const v1::Dataset& dataset, frame::FrameSpec* spec) {
-  for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
-    frame::Surface& surface = spec->surfaces[i];
-    if (!surface.shows_gradient() || surface.color_by->range.has_value()) {
-      continue;
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by->range,
-                              GradientRangeOf(dataset, absl::StrCat("surfaces[", i, "].color_by")));
-  }
-  if (frame::HasSampleCaps(*spec) && !spec->caps->range.has_value()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(spec->caps->range, RangeOfSamples(dataset, "caps.range"));
-  }
-  return absl::OkStatus();
 }
 
 }  // namespace isoscope::wire

@@ -17,8 +17,8 @@
 #include "core/image/fragment.h"
 #include "core/math/vec.h"
 #include "core/volume/inside_rule.h"
-#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "wire/color_range_convert.h"  // IWYU pragma: export
 
 namespace isoscope::wire {
 
@@ -60,16 +60,6 @@ isoscope::v1::Light ToProto(const frame::Light& light);
 
 // The opaque colour of missing values.
 absl::StatusOr<image::Rgba8> NanColorFromProto(const isoscope::v1::Color& proto);
-
-// Returns the range of a map over the finite samples of a component at all steps; 0 to 1 if all are
-// NaN. INVALID_ARGUMENT if the component does not tell it; `path` is that of the range.
-absl::StatusOr<frame::ColorRange> ColorRangeOf(const isoscope::v1::FieldComponent& component,
-                                               const std::string& path);
-
-// Gives the maps that show the gradient's magnitude, and the map of caps, a range where the frame
-// has none: 0 to the dataset's bound, and that of its finite samples. INVALID_ARGUMENT if the
-// dataset does not tell it.
-absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset, frame::FrameSpec* spec);
 
 }  // namespace isoscope::wire
 

@@ -20,6 +20,7 @@
 #include "client-cli/commands/frame_measures.h"
 #include "client-cli/commands/program.h"
 #include "client-cli/commands/render_flags.h"
+#include "client-cli/commands/small_frame.h"
 #include "client-cli/commands/surface_notes.h"
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/frame_statistics.h"
@@ -84,8 +85,9 @@ absl::Status WriteStatistics(const RenderFlags& flags, const v1::Dataset& datase
 struct Subject {
   v1::Dataset dataset;
   std::string picture_revision;
-  bool has_notes = false;   // the server knows notes on surfaces
-  bool fits_cells = false;  // and CAMERA_FIT_CELLS
+  bool has_notes = false;         // the server knows notes on surfaces
+  bool fits_cells = false;        // and CAMERA_FIT_CELLS
+  bool has_color_ranges = false;  // and ranges of what is visible, and of percentiles
 };
 
 absl::StatusOr<Subject> FindSubject(Session* session) {
@@ -98,6 +100,7 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
                             client::FeaturesOf(session->question_timeout(), &session->client()));
   subject.has_notes = features.count("notes") > 0;
   subject.fits_cells = features.count("fit_cells") > 0;
+  subject.has_color_ranges = features.count("color_ranges") > 0;
   return subject;
 }
 
@@ -205,6 +208,21 @@ absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& 
   return image;
 }
 
+// Gives a poster the ranges of what is visible: regions have the colours of the whole. A smaller
+// picture tells them.
+absl::Status ResolveVisibleRanges(Session* session, v1::RenderIsosurfaceRequest* poster) {
+  if (!client::HasVisibleRange(*poster)) {
+    return absl::OkStatus();
+  }
+  v1::RenderIsosurfaceRequest small = SmallFrameOf(*poster, view::kCommonViewport.width_px);
+  small.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_NONE);
+  small.mutable_output()->set_depth(true);
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
+                            session->client().RenderIsosurface(small, session->frame_timeout()));
+  client::KeepRanges(response, poster);
+  return absl::OkStatus();
+}
+
 // Renders a picture that is too large for one frame, region by region.
 absl::Status RunPoster(const RenderFlags& flags, const v1::Dataset& dataset,
                        const v1::RenderIsosurfaceRequest& whole, const PictureDisplay& display,
@@ -295,12 +313,13 @@ absl::StatusOr<FirstCamera> FirstCameraOf(const RenderFlags& flags, const Subjec
   return first;
 }
 
-// Returns the request of frame `i`, whose camera is `first`, rotated. `has_notes`: with notes.
+// Returns the request of frame `i`, whose camera is `first`, rotated.
 absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(
-    const RenderFlags& flags, const client::RequestFlags& frame_flags, const std::string& dataset,
-    const FirstCamera& first, int i, bool has_notes) {
-  ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                            client::MakeRequest(frame_flags, dataset, first.camera, first.fit));
+    const RenderFlags& flags, const client::RequestFlags& frame_flags, const Subject& subject,
+    const FirstCamera& first, int i) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      v1::RenderIsosurfaceRequest request,
+      client::MakeRequest(frame_flags, subject.dataset.name(), first.camera, first.fit));
   if (first.is_servers_choice) {
     request.clear_camera();
   }
@@ -316,9 +335,12 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(
   }
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
+  if (subject.has_color_ranges) {
+    client::AddCommonCapWindow(flags.look, &request);
+  }
   request.set_allow_partial(flags.allow_partial);
   request.set_dataset_id(flags.dataset_id.value_or(""));
-  request.set_with_notes(has_notes);
+  request.set_with_notes(subject.has_notes);
   if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -343,14 +365,19 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(
     std::vector<FrameRecord>* frames, PictureOutput* output, const Context& context) {
   const int frame_count = flags.sweep.frame_count();
   v1::RenderIsosurfaceResponse last;
+  v1::RenderIsosurfaceResponse ranges;  // the first answer, without pictures
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
     const client::RequestFlags frame_flags = RequestOfFrame(flags.sweep, flags.request, i);
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const v1::RenderIsosurfaceRequest request,
-        MakeFrameRequest(flags, frame_flags, subject.dataset.name(), camera, i, subject.has_notes));
+    ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
+                              MakeFrameRequest(flags, frame_flags, subject, camera, i));
+    client::KeepRanges(ranges, &request);
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
+    if (i == 0) {
+      *ranges.mutable_colorings() = last.colorings();
+      *ranges.mutable_caps_coloring() = last.caps_coloring();
+    }
     if (i == 0 && flags.view.save_camera_file) {
       ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(*flags.view.save_camera_file,
                                                        client::CameraToJson(last.camera())));
@@ -382,9 +409,10 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstCamera camera, FirstCameraOf(flags, subject));
   if (flags.is_poster()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest whole,
-                              MakeFrameRequest(flags, flags.request, dataset.name(), camera,
-                                               /*i=*/0, /*has_notes=*/false));
+    ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest whole,
+                              MakeFrameRequest(flags, flags.request, subject, camera, /*i=*/0));
+    whole.set_with_notes(false);
+    ISOSCOPE_RETURN_IF_ERROR(ResolveVisibleRanges(session, &whole));
     ISOSCOPE_RETURN_IF_ERROR(RunPoster(flags, dataset, whole, display, session, context));
     return WriteNotesOf(
         whole, [](const v1::SurfaceNote&) { return true; }, session, context);
@@ -463,8 +491,10 @@ WantedVolumes WantedOf(const v1::RenderIsosurfaceRequest& request) {
   }
   for (const v1::Surface& surface : request.surfaces()) {
     if (!surface.color_by().field().empty()) {
-      wanted.colors.push_back(
-          {.text = surface.color_by().field(), .needs_all_steps = !surface.color_by().has_range()});
+      wanted.colors.push_back({.text = surface.color_by().field(),
+                               .needs_all_steps = !surface.color_by().has_range() ||
+                                                  surface.color_by().range().source() ==
+                                                      v1::ColorRange::SOURCE_VISIBLE});
     }
   }
   return wanted;

@@ -1,11 +1,11 @@
 #include "client-cli/commands/surface_notes.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <iterator>
 #include <ostream>
 #include <vector>
 
+#include "client-cli/commands/small_frame.h"
 #include "client-cli/output/note_lines.h"
 #include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/service_client.h"
@@ -32,20 +32,8 @@ absl::Status WriteNotesOf(const v1::RenderIsosurfaceRequest& frame,
   if (!has_notes) {
     return absl::OkStatus();
   }
-  v1::RenderIsosurfaceRequest small = frame;
+  v1::RenderIsosurfaceRequest small = SmallFrameOf(frame, kMaxSidePx);
   small.set_with_notes(true);
-  small.clear_region();
-  small.clear_output();
-  small.clear_samples();
-  v1::Viewport& viewport = *small.mutable_viewport();
-  const int side = std::max(viewport.width_px(), viewport.height_px());
-  if (side > kMaxSidePx) {
-    const auto scaled = [&](int px) {
-      return std::max(static_cast<int>(std::int64_t{px} * kMaxSidePx / side), 1);
-    };
-    viewport.set_width_px(scaled(viewport.width_px()));
-    viewport.set_height_px(scaled(viewport.height_px()));
-  }
   const absl::StatusOr<v1::RenderIsosurfaceResponse> response =
       session->client().RenderIsosurface(small, session->frame_timeout());
   if (!response.ok()) {

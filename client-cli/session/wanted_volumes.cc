@@ -3,7 +3,7 @@
 //   1. Find the field and component of --field; the first field without it.
 //   2. Choose the steps: those of a sweep, --time (the nearest), --step, or the last.
 //   3. Add the volumes of the field and of the fields that colour surfaces. Colours without a range
-//      need all steps, because their range is that of all.
+//      need all steps, because their range is that of all, unless --color-range says that of the step.
 //   4. Say in a note what no flag has chosen.
 //
 // The text of the choice is a part of the name in the cache. It is "" for the first field at the
@@ -162,6 +162,15 @@ std::string NoteOf(const WantedVolumes& wanted, int field, const std::vector<int
                                       flags.size() == 1 ? " chooses" : " choose");
 }
 
+// Whether the map of caps without a range of its own has that of all steps. A window is that of the
+// step, and render asks for one by itself.
+bool CapsNeedAllSteps(const client::LookFlags& look) {
+  if (look.cap_window.has_value()) {
+    return !look.cap_window->percentiles.has_value();
+  }
+  return look.color_range.has_value() && *look.color_range != frame::RangeSource::kStep;
+}
+
 }  // namespace
 
 void AddColors(const client::LookFlags& look, const std::optional<frame::ClipCaps>& caps,
@@ -170,7 +179,8 @@ void AddColors(const client::LookFlags& look, const std::optional<frame::ClipCap
     if (!value.color_by.has_value()) {
       continue;
     }
-    const bool has_range = value.color_by->range.has_value();
+    const bool has_range =
+        value.color_by->range.has_value() || look.color_range == frame::RangeSource::kStep;
     if (!value.field.empty()) {
       wanted->colors.push_back({.text = value.component.empty()
                                             ? value.field
@@ -181,7 +191,7 @@ void AddColors(const client::LookFlags& look, const std::optional<frame::ClipCap
     }
   }
   if (caps.has_value() && caps->map.has_value() && !caps->range.has_value()) {
-    wanted->needs_all_steps = true;
+    wanted->needs_all_steps = wanted->needs_all_steps || CapsNeedAllSteps(look);
   }
 }
 

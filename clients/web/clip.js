@@ -1,6 +1,7 @@
 // The clip region: a box by sliders with two thumbs, planes, and what its cuts show.
 // @ts-check
 
+import { capsOf, drawWindow } from './cap-window.js';
 import { afterKey, byId, describeSlider, make, page } from './elements.js';
 import { axisNamesOf, basisOf, boxOfDataset, roundLength } from './isoscope-view.js';
 import { say } from './messages.js';
@@ -9,9 +10,6 @@ import { digitsAt, format, format12, formatAt } from './values.js';
 import { otherSideOf } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').Vec3} Vec3 */
-
-/** @type {Record<string, any>} */
-const CAPS = { open: undefined, filled: {}, slice: { colorMap: 'COLOR_MAP_GREY' } };
 
 /** @param {any} clip @param {boolean} [isMoving] */
 function changeClip(clip, isMoving) {
@@ -149,7 +147,7 @@ const rounded = (offset) => {
 
 export function listenToClip() {
   byId('clear-clip', HTMLElement).onclick = () => changeClip({});
-  page.caps.onchange = () => change({ caps: CAPS[page.caps.value] });
+  page.caps.onchange = () => change({ caps: capsOf(page.caps.value) });
   byId('add-plane', HTMLElement).onclick = () => {
     const { camera } = shown;
     const planes = shown.state.clip?.halfSpaces ?? [];
@@ -177,6 +175,7 @@ export function drawClip() {
   const { caps, clip } = shown.state;
   page.caps.value = !caps ? 'open' : caps.colorMap ? 'slice' : 'filled';
   page.caps.disabled = !clip;
+  drawWindow();
   const planes = shown.state.clip?.halfSpaces ?? [];
   /** @param {number} i @param {any} part @param {boolean} isMoving */
   const setPlane = (i, part, isMoving) => {

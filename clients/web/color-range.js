@@ -1,6 +1,7 @@
-// Ranges of the colours of a field: of the step that is shown, and of all steps.
+// Ranges of colours: of what is visible, and of a field those of the step that is shown, and of all steps.
 // @ts-check
 
+import { abilities } from './abilities.js';
 import { byId } from './elements.js';
 import { say } from './messages.js';
 import { client, shown } from './page-view.js';
@@ -9,6 +10,7 @@ import { tidyRange } from './values.js';
 
 /** @typedef {{min: number, max: number}} Range */
 
+const visible = byId('range-visible', HTMLButtonElement);
 const thisStep = byId('range-step', HTMLButtonElement);
 const allSteps = byId('range-all', HTMLButtonElement);
 
@@ -31,9 +33,35 @@ function wholeRange({ finiteRange, valueRange }) {
   return finiteRange || valueRange ? { min: Number(min), max: Number(max) } : null;
 }
 
+/** @param {any} surface whether its colour is that of a map */
+const isMapped = ({ colorBy }) => Boolean(colorBy) && colorBy.quantity !== 'QUANTITY_NORMAL';
+
+/**
+ * The range of the values that the picture shows, of all maps together. It depends on the picture's pixels; only the
+ * range is wanted, so the picture itself is sent as small as it gets.
+ * @returns {Promise<Range | null>} null where no value shows
+ */
+async function visibleRange() {
+  const { withNotes, samples, ambientOcclusion, silhouette, ...state } = shown.getState();
+  const { width, height } = shown.loop.picture;
+  const surfaces = (state.surfaces ?? []).map((/** @type {any} */ surface) =>
+    isMapped(surface) ? { ...surface, colorBy: { ...surface.colorBy, range: { source: 'SOURCE_VISIBLE' } } } : surface);
+  const answer = await client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, { ...state, surfaces,
+    viewport: { widthPx: width, heightPx: height }, backgroundColor: { red: 0, green: 0, blue: 0, alpha: 1 },
+    output: { imageFormat: 'IMAGE_FORMAT_JPEG', jpegQuality: 1 } });
+  const { caps, ...ranges } = JSON.parse(answer.headers.get('X-Isoscope-Color-Ranges') ?? '{}');
+  const ends = /** @type {[number, number][]} */ (Object.values(ranges));
+  return ends.length === 0 ? null
+    : { min: Math.min(...ends.map(([min]) => min)), max: Math.max(...ends.map(([, max]) => max)) };
+}
+
 export function drawColorRange() {
   const shownColoring = coloring();
-  document.querySelectorAll('[data-for=range]').forEach((row) => { /** @type {HTMLElement} */ (row).hidden = shownColoring === null; });
+  visible.hidden = !abilities.features.includes('color_ranges') || !(shown.state.surfaces ?? []).some(isMapped);
+  document.querySelectorAll('[data-for=range]').forEach((row) => {
+    /** @type {HTMLElement} */ (row).hidden = visible.hidden && shownColoring === null;
+  });
+  thisStep.hidden = allSteps.hidden = shownColoring === null;
   if (shownColoring) {
     const isSeries = shownColoring.stepCount > 1;
     thisStep.hidden = !isSeries;
@@ -51,6 +79,15 @@ export function listenToColorRange(setRange) {
     } else {
       say(range ? `All values are ${range.min}: they have one colour.` : 'The range of the values is not known.', true);
     }
+  };
+  visible.onclick = async () => {
+    visible.disabled = true;
+    try {
+      take(await visibleRange());
+    } catch (error) {
+      say(/** @type {Error} */ (error).message, true);
+    }
+    visible.disabled = false;
   };
   allSteps.onclick = () => {
     const now = coloring();

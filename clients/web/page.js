@@ -11,6 +11,7 @@
 
 import { drawClip, listenToClip } from './clip.js';
 import { abilities, loadAbilities } from './abilities.js';
+import { listenToCapWindow, takeCapsColoring } from './cap-window.js';
 import { addCost, watchAgents } from './cost.js';
 import { closeDoor, isDoorClosed, listenToDoor, tryAtDoor } from './door.js';
 import { listenToDownloads } from './downloads.js';
@@ -285,6 +286,7 @@ shown.addEventListener('frame', (event) => {
     addCost(header.frame.statistics);
   }
   drawLegend(header.frame);
+  takeCapsColoring(header.frame);
   takeNotes(header.frame, Boolean(header.isExact));
   series.frameShown(header.frame);
   pillChanged();
@@ -329,6 +331,7 @@ listenToHistogram();
 listenToLabels();
 listenToLook();
 listenToClip();
+listenToCapWindow();
 listenToPoints(series);
 listenToDownloads(series);
 loadDatasets();

@@ -30,6 +30,9 @@ export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) =>
 /** @param {string} name */
 export const quantityToJson = (name) => QUANTITIES[name];
 
+/** The window of the samples on cuts that clients ask for: percentiles of the samples inside. */
+export const CAP_WINDOW = { percentiles: { low: 2, high: 98 } };
+
 /**
  * Returns what a colouring shows, as one word: 'none', 'x', ..., or 'field:velocity:x'.
  * @param {any} colorBy
@@ -151,7 +154,14 @@ const FLAG_VALUES = {
     ? [['x', 'y', 'z'].map((axis) => `${clip.box.min?.[axis] ?? 0},${clip.box.max?.[axis] ?? 0}`).join()] : [],
   caps: ({ caps }) => {
     const { colorMap, range } = caps ?? {};
-    return !caps ? [] : colorMap ? [`${colorMapFromJson(colorMap)}${range ? `:${range.min ?? 0},${range.max ?? 0}` : ''}`] : [''];
+    const hasEnds = range && !range.percentiles;
+    return !caps ? [] : colorMap ? [`${colorMapFromJson(colorMap)}${hasEnds ? `:${range.min ?? 0},${range.max ?? 0}` : ''}`] : [''];
+  },
+  // The command has a window by itself, unless it names one. A link has none.
+  'cap-window': ({ caps }) => {
+    const { colorMap, range } = caps ?? {};
+    return !colorMap || (range && !range.percentiles) ? []
+      : [range ? `${range.percentiles.low ?? 0},${range.percentiles.high ?? 0}` : 'none'];
   },
   // Only where it means something: `isoscope render` refuses it elsewhere.
   'nan-color': ({ nanColor, caps, surfaces }) => nanColor && (caps?.colorMap ||
@@ -279,6 +289,11 @@ class Link {
   camera = {};
   /** @type {any[]} */
   colorings = [];
+  /**
+   * The percentiles of the samples that caps with a map show.
+   * @type {any}
+   */
+  capWindow = null;
   /**
    * The appearance of surfaces without a colour of their own.
    * @type {any}
@@ -455,6 +470,14 @@ const WORDS = {
     }
     link.state.caps = { ...(map ? { colorMap: colorMapToJson(map) } : {}), ...(map && range ? { range: { min: range[0], max: range[1] } } : {}) };
   },
+  'cap-window': (link, value) => {
+    const ends = value === 'none' ? null : link.numbers('cap-window', value, 2);
+    if (ends && !(ends[0] >= 0 && ends[0] < ends[1] && ends[1] <= 100)) {
+      link.refuse('cap-window', value, 'it needs two percentages, from 0 to 100, the lower one first, or none.');
+    } else if (ends) {
+      link.capWindow = { low: ends[0], high: ends[1] };
+    }
+  },
   eye: (link, value) => { link.camera.eye = link.vec('eye', value); },
   target: (link, value) => { link.camera.target = link.vec('target', value); },
   up: (link, value) => { link.camera.up = link.vec('up', value); },
@@ -538,6 +561,9 @@ export function stateFromHash(hash) {
   }
   if (camera.eye && camera.target) {
     state.camera = Object.fromEntries(Object.entries(camera).filter(([, value]) => value));
+  }
+  if (link.capWindow && state.caps?.colorMap && !state.caps.range) {
+    state.caps.range = { percentiles: link.capWindow };
   }
   if (search.get('light-space') === 'world') {
     state.lights?.forEach((/** @type {any} */ light) => { light.space = 'SPACE_WORLD'; });

@@ -49,6 +49,22 @@ struct ColorRange {
 // finite.
 ColorRange ColorRangeOfSamples(double min, double max);
 
+// The values that a range without numbers is of. The coordinator finds the numbers before agents get
+// the frame.
+enum class RangeSource {
+  kAllSteps,  // samples of all time steps, the bound of all gradients, the volume's box
+  kStep,      // the same at the time step that is drawn
+  kVisible,   // values that the picture shows
+};
+
+// A range of sample values by shares of the samples, in percent: 0 <= low < high <= 100.
+struct Percentiles {
+  double low = 2;
+  double high = 98;
+
+  friend bool operator==(const Percentiles&, const Percentiles&) = default;
+};
+
 // The quantity that the colour of a surface shows, in place of its base colour.
 struct ColorBy {
   enum class Quantity {
@@ -62,8 +78,7 @@ struct ColorBy {
 
   Quantity quantity = Quantity::kPositionX;
   ColorMap map = ColorMap::kViridis;  // not of kNormal
-  // Not of kNormal. Not set: the volume's box, 0 to the dataset's bound of the gradient, or the
-  // range of the field's finite samples over all steps.
+  // Not of kNormal. Not set: that of `range_source`.
   std::optional<ColorRange> range = std::nullopt;
   // Opacities at the ends of the map, in [0, 1]; ignored for kNormal.
   float opacity_at_min = 1;
@@ -71,6 +86,7 @@ struct ColorBy {
   // For kField alone. Only the coordinator reads them.
   std::string field = {};
   std::string component = {};  // empty: the only one, or the magnitude
+  RangeSource range_source = RangeSource::kAllSteps;
 
   [[nodiscard]] bool is_translucent() const { return opacity_at_min < 1 || opacity_at_max < 1; }
 
@@ -80,8 +96,10 @@ struct ColorBy {
 // How the cuts of a clip region through the inside of opaque surfaces are filled.
 struct ClipCaps {
   std::optional<ColorMap> map = std::nullopt;  // not set: the look of the surface
-  // Not set: that of the drawn field's finite samples, over all steps.
+  // Not set: that of `percentiles`, or of `range_source`, of the drawn field's finite samples.
   std::optional<ColorRange> range = std::nullopt;
+  RangeSource range_source = RangeSource::kAllSteps;
+  std::optional<Percentiles> percentiles = std::nullopt;  // only with kAllSteps
 
   friend bool operator==(const ClipCaps&, const ClipCaps&) = default;
 };

@@ -7,7 +7,6 @@
 #include "core/picture/picture_contents.h"
 
 #include <atomic>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -18,26 +17,10 @@
 #include "core/base/mutex.h"
 #include "core/image/normal_and_step.h"
 #include "core/picture/color_map.h"
+#include "core/picture/covered_pixels.h"
 
 namespace isoscope::picture {
 namespace {
-
-constexpr int kTilePx = image::TileSet::kTilePx;
-
-// Calls fn(x, y, pixel index) for each covered pixel of a row of tiles.
-template <typename Fn>
-void ForEachCoveredInRow(const image::FrameImage& image, int row, const Fn& fn) {
-  image.touched.ForEachInRow(row, [&](int column) {
-    const image::TileMask& covered = image.CoveredOf(column, row);
-    for (std::size_t k = 0; k < covered.size(); ++k) {
-      const int y = row * kTilePx + static_cast<int>(k);
-      for (unsigned rest = covered[k]; rest != 0; rest &= rest - 1) {
-        const int x = column * kTilePx + std::countr_zero(rest);
-        fn(x, y, image.IndexOf(x, y));
-      }
-    }
-  });
-}
 
 bool MayLackValue(image::Rgba8 code) { return !image::HasStep(code) || code == kNoSample; }
 

@@ -246,10 +246,12 @@ absl::Status RevisionError(const std::string& name, const Content& content) {
                    "; run one version with one --renderer on agents that serve all shards"));
 }
 
-// The shards of a series with the agents of a crew, and the descriptions that these give of it.
+// The shards of a series with the agents of a crew, the descriptions that these give of it, and the
+// ranges of its volumes by id.
 std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
     const Crew& crew, const isoscope::v1::Dataset& dataset,
-    std::vector<const isoscope::v1::Dataset*>* descriptions) {
+    std::vector<const isoscope::v1::Dataset*>* descriptions,
+    std::map<std::string, isoscope::v1::FieldComponent>* ranges) {
   std::map<int, std::vector<SeriesOwner>> owners;
   for (const auto& [index, agents] : crew.owners) {
     for (const AgentState* agent : agents) {
@@ -263,6 +265,9 @@ std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
         owner.is_draining = agent->is_draining;
         for (const internal::VolumeDescription& volume : shard.volumes()) {
           owner.volumes.emplace(wire::KeyOf(volume), volume.dataset_id());
+          if (ranges->count(volume.dataset_id()) == 0) {
+            ranges->emplace(volume.dataset_id(), RangesOf(volume));
+          }
         }
         descriptions->push_back(&shard.dataset());
       }
@@ -274,8 +279,10 @@ std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
 // Adds the volumes of a dataset that has fields.
 void CompleteSeries(const Crew& crew, DatasetState* state) {
   std::vector<const isoscope::v1::Dataset*> descriptions;
+  std::map<std::string, isoscope::v1::FieldComponent> ranges;
   auto series = std::make_shared<SeriesState>(
-      MakeSeriesState(SeriesOwnersOf(crew, state->dataset, &descriptions)));
+      MakeSeriesState(SeriesOwnersOf(crew, state->dataset, &descriptions, &ranges)));
+  series->ranges = std::move(ranges);
   if (!descriptions.empty()) {
     const auto missing = state->dataset.missing_shards();
     state->dataset = JoinDescriptions(descriptions, *series);

@@ -166,6 +166,12 @@ class StepVolumes {
     return offered->second;
   }
 
+  // Returns the ranges of a volume that Add has named.
+  [[nodiscard]] v1::FieldComponent RangesAt(const std::string& id) const {
+    const auto found = series_.ranges.find(id);
+    return found == series_.ranges.end() ? v1::FieldComponent() : found->second;
+  }
+
   [[nodiscard]] const std::map<ScalarVolumeKey, std::string>& ids() const { return ids_; }
 
  private:
@@ -191,9 +197,12 @@ absl::Status AddColors(const v1::Dataset& description, std::vector<frame::Surfac
     selected->color_dataset_ids.resize(surfaces->size());
     selected->color_dataset_ids[i] = std::move(id);
     if (!color_by.range.has_value()) {
+      const bool is_of_step = color_by.range_source == frame::RangeSource::kStep;
       ISOSCOPE_ASSIGN_OR_RETURN(
           color_by.range,
-          wire::ColorRangeOf(description.fields(place.field).components(place.component),
+          wire::ColorRangeOf(is_of_step
+                                 ? volumes->RangesAt(selected->color_dataset_ids[i])
+                                 : description.fields(place.field).components(place.component),
                              absl::StrCat(path, "range")));
     }
   }
@@ -277,6 +286,20 @@ SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners) {
   return series;
 }
 
+v1::FieldComponent RangesOf(const isoscope::internal::v1::VolumeDescription& volume) {
+  v1::FieldComponent ranges;
+  if (volume.has_value_range()) {
+    *ranges.mutable_value_range() = volume.value_range();
+  }
+  if (volume.has_finite_range()) {
+    *ranges.mutable_finite_range() = volume.finite_range();
+  }
+  if (volume.has_max_gradient_magnitude()) {
+    ranges.set_max_gradient_magnitude(volume.max_gradient_magnitude());
+  }
+  return ranges;
+}
+
 v1::Dataset JoinDescriptions(const std::vector<const v1::Dataset*>& datasets,
                              const SeriesState& series) {
   const v1::Dataset* const longest = *std::max_element(
@@ -319,6 +342,7 @@ absl::StatusOr<SelectedVolume> SelectVolume(const std::shared_ptr<const DatasetS
   if (dataset->series == nullptr) {
     ISOSCOPE_RETURN_IF_ERROR(CheckNoFields(description, selection, *surfaces, with_all_fields));
     selected.dataset = dataset;
+    selected.at_step = wire::RangesOf(description);
     return selected;
   }
   const SeriesState& series = *dataset->series;
@@ -338,6 +362,7 @@ absl::StatusOr<SelectedVolume> SelectVolume(const std::shared_ptr<const DatasetS
   volume->replica_sets = ReplicaSetsOf(series, volumes.ids());
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShards(series, description, *volume, with_all_fields));
   selected.dataset = volume;
+  selected.at_step = volumes.RangesAt(id);
 
   const v1::Field& field = description.fields(place.field);
   v1::FieldSelection& used = selected.selection.emplace();

@@ -43,6 +43,8 @@ struct SeriesState {
   std::map<int, std::vector<SeriesOwner>> owners;  // by shard; by address
   // Dataset ids of the volumes that every shard of `owners` has.
   std::map<store::ScalarVolumeKey, std::string> offered;
+  // The ranges of each volume's samples and gradients, by its dataset id.
+  std::map<std::string, isoscope::v1::FieldComponent> ranges;
 };
 
 // Finds the volumes that are offered. If agents have different volumes of one key, it takes that of
@@ -55,6 +57,9 @@ SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 isoscope::v1::Dataset JoinDescriptions(const std::vector<const isoscope::v1::Dataset*>& datasets,
                                        const SeriesState& series);
 
+// The ranges that a volume has at its own step, as a component has them over all steps.
+isoscope::v1::FieldComponent RangesOf(const isoscope::internal::v1::VolumeDescription& volume);
+
 // A component of a field, and its volume at the step that was chosen.
 struct FieldVolume {
   std::string field;
@@ -65,7 +70,8 @@ struct FieldVolume {
 
 // The choice of a request.
 struct SelectedVolume {
-  std::shared_ptr<const DatasetState> dataset;  // of the volume
+  std::shared_ptr<const DatasetState> dataset;  // of the volume; its ranges are those of all steps
+  isoscope::v1::FieldComponent at_step;         // the volume's own ranges
   // One for each surface of the frame; "": it is not coloured by a field. Empty: none is.
   std::vector<std::string> color_dataset_ids;
   std::optional<isoscope::v1::FieldSelection> selection;  // with all members; not set: no fields
@@ -76,7 +82,8 @@ struct SelectedVolume {
 // Chooses a scalar volume of a dataset. A dataset without fields is its own volume.
 //
 // selection: null: the default
-// surfaces:  those of the frame, or none; ranges of colours by a field are set where they are not
+// surfaces:  those of the frame, or none; ranges of colours by a field are set where they are not,
+//            those of what is visible to the default
 //
 // with_all_fields: whether the values of all fields are asked for, too
 //

@@ -27,6 +27,7 @@
 #include "server/frame/frame_coordinator.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
+#include "server/frame/sample_counts.h"
 #include "wire/frame_convert.h"
 
 namespace isoscope::server {
@@ -84,6 +85,7 @@ class FrameRunner {
 
   [[nodiscard]] CoordinatorState& state() const { return state_; }
   [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
+  [[nodiscard]] SampleCountsCache& sample_counts() { return sample_counts_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
     cell_boxes_.AppendSamples(&families->back());
@@ -108,6 +110,7 @@ class FrameRunner {
   ActiveBlocksCache active_blocks_;
   AgentRoom agent_room_;
   CellBoxCache cell_boxes_;
+  SampleCountsCache sample_counts_;
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

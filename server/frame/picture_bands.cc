@@ -20,8 +20,10 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
+#include "server/frame/color_ranges.h"
 #include "server/frame/picture_job.h"
 #include "server/frame/render_statistics.h"
+#include "wire/color_range_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -61,26 +63,67 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
     if (status.ok() && depth_grid_builder_.has_value()) {
       depth_grid_ = depth_grid_builder_->Make();
     }
-    if (status.ok() && was_refused) {
-      runner_.agent_room().Note(target.dataset->dataset.dataset_id(), DrawnLayersOf(asked_.spec),
-                                needs.max_drawn_pixels);
-    }
-    if (status.ok() || !MayWorkSmaller(status)) {
+    if (status.ok()) {
+      if (was_refused) {
+        NoteRoom(target, needs);
+      }
       return status;
     }
-    needs.max_drawn_pixels = DrawnPixelsOf(SpecOfBand(asked_.spec, bands.At(0))) / 2;
-    const absl::StatusOr<BandGrid> smaller = ticket_->PlanFrame(asked_.spec, needs);
-    if (!smaller.ok()) {
-      return status;
-    }
-    if (DrawnByOpenGl(target, asked_.spec)) {
-      return NamedForOpenGl(status);
-    }
-    base::LogInfo("frame_in_smaller_bands", {{"request", ticket_->request().request_id()},
-                                             {"bands", smaller->count()},
-                                             {"status", status}});
-    bands = *smaller;
+    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(target, bands, status, &needs));
   }
+}
+
+// Ranges of what is visible draw the picture, too.
+absl::Status PictureJob::FindRanges(const FrameTarget& target) {
+  const base::TraceScope trace(recorder(), "colour ranges");
+  const FrameIdentity identity = Identity();
+  FrameToRange frame{
+      .runner = &runner_, .identity = &identity, .target = &target, .parts = &parts_};
+  if (!wire::HasVisibleRanges(asked_.spec)) {
+    return ResolveRanges(frame, &asked_);
+  }
+  FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
+  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
+  for (bool was_refused = false;; was_refused = true) {
+    frame.bands.clear();
+    for (int i = 0; bands.count() > 1 && i < bands.count(); ++i) {
+      frame.bands.push_back(bands.At(i));
+    }
+    AskedFrame resolved = asked_;
+    const absl::Status status = ResolveRanges(frame, &resolved);
+    if (status.ok()) {
+      if (was_refused) {
+        NoteRoom(target, needs);
+      }
+      asked_ = std::move(resolved);
+      return status;
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(target, bands, status, &needs));
+  }
+}
+
+void PictureJob::NoteRoom(const FrameTarget& target, const FrameNeeds& needs) {
+  runner_.agent_room().Note(target.dataset->dataset.dataset_id(), DrawnLayersOf(asked_.spec),
+                            needs.max_drawn_pixels);
+}
+
+absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const FrameTarget& target, const BandGrid& bands,
+                                                 const absl::Status& error, FrameNeeds* needs) {
+  if (!MayWorkSmaller(error)) {
+    return error;
+  }
+  needs->max_drawn_pixels = DrawnPixelsOf(SpecOfBand(asked_.spec, bands.At(0))) / 2;
+  const absl::StatusOr<BandGrid> smaller = ticket_->PlanFrame(asked_.spec, *needs);
+  if (!smaller.ok()) {
+    return error;
+  }
+  if (DrawnByOpenGl(target, asked_.spec)) {
+    return NamedForOpenGl(error);
+  }
+  base::LogInfo("frame_in_smaller_bands", {{"request", ticket_->request().request_id()},
+                                           {"bands", smaller->count()},
+                                           {"status", error}});
+  return smaller;
 }
 
 // Begins with bands that agents had room for, if they refused larger ones lately.

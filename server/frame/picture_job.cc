@@ -178,8 +178,8 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
 absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
                             runner_.Prepare(ticket_.get(), &asked_, recorder()));
-  ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(target.dataset->dataset, &asked_.spec));
   parts_ = target.parts;
+  ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));
   FrameOutput output;
   ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
   ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));

@@ -2,8 +2,8 @@
 //
 // 1. Admit converts the request. An error that no state of the cluster could change is answered at
 //    once. Then the ticket takes a place.
-// 2. Run waits for memory and finds the target (FrameRunner::Prepare). RunFrame does the work with
-//    the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
+// 2. Run waits for memory and finds the target (FrameRunner::Prepare). Colour maps get their ranges
+//    (color_ranges). RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
 // 4. With notes, surfaces that do not show are looked for (surface_notes).
@@ -103,6 +103,11 @@ class PictureJob {
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
   absl::StatusOr<BandGrid> FirstPlan(const FrameTarget& target, FrameNeeds* needs);
+  // Returns `error` if no smaller bands could help.
+  absl::StatusOr<BandGrid> SmallerPlan(const FrameTarget& target, const BandGrid& bands,
+                                       const absl::Status& error, FrameNeeds* needs);
+  // Keeps the size of bands that agents had room for, after a refusal of larger ones.
+  void NoteRoom(const FrameTarget& target, const FrameNeeds& needs);
   absl::Status RenderAtOnce(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
   absl::Status RenderBands(const FrameTarget& target, const BandGrid& bands,
@@ -119,6 +124,8 @@ class PictureJob {
   void AddToDepthGrid(const Piece& piece, const frame::DrawnWindow& window,
                       const view::View& drawn_view);
   void StartAgain(FrameOutput* output);
+  // Gives all maps their ranges.
+  absl::Status FindRanges(const FrameTarget& target);
   // Finds the notes on surfaces. A picture without them is still right.
   absl::Status FindNotes(const FrameTarget& target);
   // Converts all but the trace.
@@ -134,7 +141,7 @@ class PictureJob {
 
   FrameRunner& runner_;
   const std::shared_ptr<FrameTicket> ticket_;
-  AskedFrame asked_;  // FindTarget resolves its camera
+  AskedFrame asked_;  // FindTarget resolves its camera, FindRanges its ranges
   const int depth_grid_side_;
   std::optional<DepthGridBuilder> depth_grid_builder_;  // not set: no grid is made
   std::optional<DepthGrid> depth_grid_;

@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
+#include "wire/color_range_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -36,11 +37,22 @@ absl::Status CheckOutput(const v1::ViewState& state) {
   return absl::OkStatus();
 }
 
+// INVALID_ARGUMENT also for a range that would change with the view, and let colours flicker.
+absl::StatusOr<wire::AskedFrame> ConvertFrame(const v1::RenderIsosurfaceRequest& request) {
+  ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame asked, wire::AskedFrameFromProto(request));
+  if (wire::HasVisibleRanges(asked.spec)) {
+    return absl::InvalidArgumentError(
+        "a range of frame has source 2 (visible): must have another one in a view state; ask "
+        "RenderIsosurface, and give the range that its answer has");
+  }
+  return asked;
+}
+
 }  // namespace
 
 absl::StatusOr<wire::AskedFrame> ExactFrameOf(const v1::ViewState& state) {
   ISOSCOPE_RETURN_IF_ERROR(CheckOutput(state));
-  return wire::AskedFrameFromProto(state.frame());
+  return ConvertFrame(state.frame());
 }
 
 absl::StatusOr<wire::AskedFrame> MovingFrameOf(const v1::ViewState& state,
@@ -49,7 +61,7 @@ absl::StatusOr<wire::AskedFrame> MovingFrameOf(const v1::ViewState& state,
   v1::RenderIsosurfaceRequest request = state.frame();
   request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
   request.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
-  ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame moving, wire::AskedFrameFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame moving, ConvertFrame(request));
   moving.with_notes = false;
   frame::FrameSpec& spec = moving.spec;
   spec.effects.samples_per_side = 1;

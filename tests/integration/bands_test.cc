@@ -175,6 +175,13 @@ class BandsTest : public ::testing::Test {
     cut.add_lights()->mutable_direction()->set_x(1);
     cut.set_samples(16);
     add("cut", cut);
+    cut.mutable_caps()->mutable_range()->mutable_percentiles()->set_high(90);
+    cut.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_source(
+        v1::ColorRange::SOURCE_VISIBLE);
+    add("cut with a window, coloured by what is visible", cut);
+    cut.mutable_caps()->mutable_range()->Clear();
+    cut.mutable_caps()->mutable_range()->set_source(v1::ColorRange::SOURCE_VISIBLE);
+    add("cut of what is visible", cut);
     v1::RenderIsosurfaceRequest planes = RequestOf(900, 760);
     planes.mutable_output()->set_depth(true);
     planes.mutable_output()->set_surface_index(true);

@@ -123,6 +123,45 @@ class GradientTest : public ::testing::Test {
   std::unique_ptr<ProcessCluster> cluster_;
 };
 
+// The gradient is (x, 3, 0), also by central differences.
+TEST_F(GradientTest, TheRangeOfWhatIsVisibleHoldsTheLengthsOfThePicture) {
+  const testing::TestVolume volume =
+      VolumeOf([](double x, double y, double) { return 0.5 * x * x + 3 * y; });
+  v1::RenderIsosurfaceRequest request = Request(150);
+  v1::ColorRange* const range = request.mutable_surfaces(0)->mutable_color_by()->mutable_range();
+  range->set_source(v1::ColorRange::SOURCE_VISIBLE);
+  std::string pixels;
+  v1::ColorRange found;
+  for (const int shard_count : {1, 3}) {
+    ASSERT_NO_FATAL_FAILURE(Start(volume, shard_count, shard_count == 1 ? 8 : 16));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
+    found = response.colorings(0).color_by().range();
+    EXPECT_TRUE(pixels.empty() || pixels == response.rgba8()) << shard_count << " shards";
+    pixels = response.rgba8();
+    double least = 1e9;
+    double greatest = 0;
+    for (std::size_t i = 0; i < response.surface_index().size(); ++i) {
+      if (response.surface_index()[i] == 0) {
+        const double length =
+            std::hypot(static_cast<double>(FloatAt(response.position(), 3 * i)), 3);
+        least = std::min(least, length);
+        greatest = std::max(greatest, length);
+      }
+    }
+    ASSERT_LT(least + 1, greatest);
+    // Lengths on a triangle are those of its vertices, mixed.
+    const double slack = 0.1 + 0.02 * (greatest - least);
+    EXPECT_NEAR(found.min(), least, slack);
+    EXPECT_NEAR(found.max(), greatest, slack);
+  }
+  *range = found;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse again, Render(request));
+  EXPECT_EQ(again.rgba8(), pixels);
+  request.mutable_surfaces(0)->mutable_color_by()->clear_range();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse whole, Render(request));
+  EXPECT_NE(whole.rgba8(), pixels);
+}
+
 TEST_F(GradientTest, ALinearFieldHasOneColorAndTheLastOneByDefault) {
   ASSERT_NO_FATAL_FAILURE(
       Start(VolumeOf([](double x, double y, double z) { return 2 * x - 3 * y + 6 * z; }), 2, 8));

@@ -219,8 +219,34 @@ class MissingValuesTest(unittest.TestCase):
         as_float = [struct.unpack('<f', struct.pack('<f', value))[0] for value in (least, most)]
         for step in ('0', '1'):
             cut = [self.run_, '--field', 'p', '--step', step, '--isovalue', '0.25', '--clip-plane', '0,0,-1,-8.25']
-            self.assertEqual(self.bytes_of(*cut, '--caps=viridis'),
+            self.assertEqual(self.bytes_of(*cut, '--caps=viridis', '--color-range', 'all'),
                              self.bytes_of(*cut, f'--caps=viridis:{as_float[0]!r},{as_float[1]!r}'))
+
+    # ---- ranges ----
+
+    def test_the_range_of_a_step_is_that_of_its_samples(self):
+        least = 7 - max(math.dist((x, y, z), CENTER) for x in (0, 23) for y in (0, 19) for z in (0, 17))
+        most = 7 - min(math.dist((x, y, z), CENTER) for x in (11, 12) for y in (9, 10) for z in (8, 9))
+        for step in (0, 1):
+            cut = [self.run_, '--field', 'p', '--step', str(step), '--isovalue', '0.25', '--clip-plane', '0,0,-1,-8.25']
+            ends = [struct.unpack('<f', struct.pack('<f', value + 3 * step))[0] for value in (least, most)]
+            self.assertEqual(self.bytes_of(*cut, '--caps=viridis', '--color-range', 'step'),
+                             self.bytes_of(*cut, f'--caps=viridis:{ends[0]!r},{ends[1]!r}'), step)
+
+    def test_ranges_of_pictures_do_not_show_how_the_volume_is_cut(self):
+        cut = ['--clip-plane', '0,0,-1,-8.25', '--caps=viridis']
+        looks = (['holes', *cut], ['holes', *cut, '--cap-window', '10,90'], ['holes', *cut, '--color-range', 'visible'],
+                 ['ends', '--color-range', 'visible'], ['z', '--color-range', 'visible'],
+                 ['holes:magma::0.2,1', '--color-range', 'visible'], ['gradient', '--color-range', 'step'])
+        pictures = [self.bytes_of(self.path('run1'), *self.COLORED, *look) for look in looks]
+        for look, picture in zip(looks, pictures):
+            self.assertEqual(picture, self.bytes_of(self.path('run3'), *self.COLORED, *look), look)
+            self.assertEqual(picture, self.bytes_of(self.path('run3'), *self.COLORED, *look, '--threads', '1'), look)
+        self.assertEqual(len(set(pictures)), len(pictures))
+        refused = self.call('render', self.run_, *self.COLORED, 'z', '--color-range', 'visible', '--region', '0,0,8,8',
+                            '-o', self.path('no.png'))
+        self.assertEqual(refused.returncode, 1)
+        self.assertIn('region is set beside a range', refused.stderr)
 
     # ---- surfaces that do not show ----
 

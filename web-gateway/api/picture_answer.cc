@@ -1,8 +1,11 @@
 #include "web-gateway/api/picture_answer.h"
 
 #include <optional>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
 #include "google/protobuf/io/coded_stream.h"
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
@@ -45,6 +48,25 @@ std::pair<const char*, std::string*> OutputOf(const OutputOptions& output,
     default:
       return {"image/png", response->mutable_png()};
   }
+}
+
+// The ranges of the colour maps, {"0":[0,2.5],"caps":[10,110]}: by surface, and that of caps that show
+// samples; empty: there is no map. At most some 50 bytes a surface.
+std::string ColorRangesOf(const v1::RenderIsosurfaceResponse& rendered) {
+  std::vector<std::string> ranges;
+  const auto add = [&](absl::string_view name, const v1::ColorRange& range) {
+    ranges.push_back(
+        absl::StrCat("\"", name, "\":[", ToJson(range.min()), ",", ToJson(range.max()), "]"));
+  };
+  for (const v1::SurfaceColoring& coloring : rendered.colorings()) {
+    if (coloring.color_by().has_range()) {
+      add(absl::StrCat(coloring.surface_index()), coloring.color_by().range());
+    }
+  }
+  if (rendered.caps_coloring().caps().has_range()) {
+    add("caps", rendered.caps_coloring().caps().range());
+  }
+  return ranges.empty() ? "" : absl::StrCat("{", absl::StrJoin(ranges, ","), "}");
 }
 
 PictureCaching NoCaching() { return {.etag = "", .headers = {{"Cache-Control", "no-store"}}}; }
@@ -135,6 +157,9 @@ HttpResponse PictureResponse(const v1::RenderIsosurfaceRequest& request,
   }
   if (rendered.has_time()) {
     response.headers.emplace_back("X-Isoscope-Time", ToJson(rendered.time()));
+  }
+  if (std::string ranges = ColorRangesOf(rendered); !ranges.empty()) {
+    response.headers.emplace_back("X-Isoscope-Color-Ranges", std::move(ranges));
   }
   const auto [type, output] = OutputOf(request.output(), &rendered);
   response.content_type = type;

@@ -20,13 +20,23 @@ bool DependsOnLaterSteps(const v1::FieldSelection& selection, const v1::Dataset&
          !(selection.has_time_step() && selection.time_step() >= 0);
 }
 
+namespace {
+
+// Whether the ends of a range follow from those of all steps: what is visible is found within them.
+template <typename Map>
+bool HasRangeOfAllSteps(const Map& map) {
+  return !map.has_range() || map.range().source() == v1::ColorRange::SOURCE_VISIBLE;
+}
+
+}  // namespace
+
 std::string RangesOfColors(const v1::RenderIsosurfaceRequest& request, const v1::Dataset& dataset) {
   const bool has_all =
       !(request.has_caps() && request.caps().color_map() != v1::COLOR_MAP_UNSPECIFIED &&
-        !request.caps().has_range()) &&
+        HasRangeOfAllSteps(request.caps())) &&
       std::all_of(request.surfaces().begin(), request.surfaces().end(),
                   [](const v1::Surface& surface) {
-                    return !surface.has_color_by() || surface.color_by().has_range();
+                    return !surface.has_color_by() || !HasRangeOfAllSteps(surface.color_by());
                   });
   std::string ranges;
   if (has_all) {

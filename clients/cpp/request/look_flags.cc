@@ -5,6 +5,8 @@
 //   --material   glossy or soft                                  of all surfaces
 //   --nan-color  COLOR                                           needs a map over samples
 //   --caps       "" or MAP[:MIN,MAX]                             needs a clip region
+//   --cap-window LOW,HIGH or none                                needs --caps MAP
+//   --color-range visible|step|all                               needs a map without MIN,MAX
 //
 // Parsers check one value; CheckUsage checks the flags against each other and the surfaces.
 
@@ -129,6 +131,45 @@ absl::StatusOr<frame::ColorRange> ParseColorRange(absl::string_view text) {
   return frame::ColorRange{.min = *min, .max = *max};
 }
 
+absl::StatusOr<frame::RangeSource> ParseRangeSource(absl::string_view text) {
+  return ParseChoice<frame::RangeSource>(text, {{"visible", frame::RangeSource::kVisible},
+                                                {"step", frame::RangeSource::kStep},
+                                                {"all", frame::RangeSource::kAllSteps}});
+}
+
+bool HasMap(const ColorBy& color_by) { return color_by.quantity != ColorBy::Quantity::kNormal; }
+
+// Whether caps show samples through a map that has no range yet.
+bool HasOpenCaps(const isoscope::v1::RenderIsosurfaceRequest& request) {
+  return request.has_caps() && request.caps().color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED &&
+         !request.caps().has_range();
+}
+
+void SetCaps(frame::ClipCaps caps, isoscope::v1::RenderIsosurfaceRequest* request) {
+  const isoscope::v1::ColorMap map = request->caps().color_map();
+  *request->mutable_caps() = wire::ToProto(caps);
+  request->mutable_caps()->set_color_map(map);
+}
+
+// Adds --cap-window, or else --color-range.
+void AddRangeOfCaps(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request) {
+  if (!HasOpenCaps(*request)) {
+    return;
+  }
+  frame::ClipCaps caps;
+  if (flags.cap_window) {
+    caps.percentiles = flags.cap_window->percentiles;
+  } else if (flags.color_range) {
+    caps.range_source = *flags.color_range;
+  }
+  SetCaps(caps, request);
+}
+
+// Whether the numbers of a range are those of one picture.
+bool IsOfPicture(const isoscope::v1::ColorRange& range) {
+  return range.has_percentiles() || range.source() == isoscope::v1::ColorRange::SOURCE_VISIBLE;
+}
+
 // How many of the words between colons are those of a field and its component: up to the last map
 // that can be one, because a range and opacities at most follow a map; else all.
 std::size_t WordsOfName(const std::vector<absl::string_view>& words) {
@@ -244,6 +285,24 @@ absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text) {
   return caps;
 }
 
+absl::StatusOr<CapWindow> ParseCapWindow(absl::string_view text) {
+  if (text == "none") {
+    return CapWindow();
+  }
+  const std::vector<absl::string_view> ends = absl::StrSplit(text, ',');
+  if (ends.size() == 2) {
+    const absl::StatusOr<double> low = ParseNumber(ends[0]);
+    const absl::StatusOr<double> high = ParseNumber(ends[1]);
+    if (low.ok() && high.ok() && *low >= 0 && *low < *high && *high <= 100) {
+      return CapWindow{.percentiles = frame::Percentiles{.low = *low, .high = *high}};
+    }
+  }
+  return absl::InvalidArgumentError(absl::StrCat(
+      base::Quoted(text, '\''),
+      " is not LOW,HIGH, two percentages from 0 to 100 between a comma with LOW < HIGH, "
+      "or none"));
+}
+
 void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
   const std::string group = "Lights and colours";
   cli::AddRepeatableFlag(set, "--light", "X,Y,Z[:INTENSITY[:COLOR]]", &flags->lights, ParseLight,
@@ -267,6 +326,17 @@ void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
           "; the range is the volume's box by default, of the gradient 0 to its bound (isoscope "
           "info), of a field its range over all steps, as if it were left empty (z:grey::0.2,1); "
           "opacities are those at MIN and MAX, and below 1 the surface is translucent")
+      .Group(group);
+  cli::AddFlag(
+      set, "--color-range", "visible|step|all", &flags->color_range, ParseRangeSource,
+      "range of the maps of --color-by, and of --caps without --cap-window, that have no "
+      "MIN,MAX: the values that the picture shows, those of its time step, or those of all "
+      "steps (default); in a film, visible is that of the first frame")
+      .Group(group);
+  cli::AddFlag(set, "--cap-window", "LOW,HIGH|none", &flags->cap_window, ParseCapWindow,
+               "window of the samples on the cuts of --caps MAP: from one percentile to another of "
+               "the samples from the lowest isovalue of an opaque surface on (render: 2,98 by "
+               "default), or none: the range of all samples")
       .Group(group);
   cli::AddFlag(set, "--nan-color", "COLOR", &flags->nan_color, ParseColor,
                "colour where the field of --color-by, or the samples of --caps MAP, are missing "
@@ -292,6 +362,18 @@ absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count, bool 
   const bool shows_field =
       std::any_of(flags.color_by.begin(), flags.color_by.end(),
                   [](const ColorByValue& value) { return !value.field.empty(); });
+  const bool has_map = std::any_of(
+      flags.color_by.begin(), flags.color_by.end(),
+      [](const ColorByValue& value) { return value.color_by && HasMap(*value.color_by); });
+  if (flags.color_range && !has_map && !has_sample_caps) {
+    return cli::UsageError(
+        "--color-range is the range of colour maps: give --color-by with a map, or --caps with "
+        "one");
+  }
+  if (flags.cap_window && !has_sample_caps) {
+    return cli::UsageError(
+        "--cap-window is that of the samples on cuts: give --caps with a map, as --caps grey");
+  }
   if (flags.nan_color && !shows_field && !has_sample_caps) {
     return cli::UsageError(
         "--nan-color is the colour of missing samples: give --color-by with a field, or --caps "
@@ -318,6 +400,7 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
   if (flags.nan_color) {
     *request->mutable_nan_color() = ToProto(*flags.nan_color);
   }
+  AddRangeOfCaps(flags, request);
   if (flags.material == MaterialChoice::kSoft) {
     PromoteIsovalue(request);
     wire::AddFirstMaterial(request);
@@ -333,11 +416,45 @@ void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* requ
       continue;
     }
     isoscope::v1::ColorBy* const proto = request->mutable_surfaces(i)->mutable_color_by();
-    *proto = wire::ToProto(*value.color_by);
+    ColorBy color_by = *value.color_by;
+    color_by.range_source = flags.color_range.value_or(frame::RangeSource::kAllSteps);
+    *proto = wire::ToProto(color_by);
     if (!value.field.empty()) {
       proto->set_quantity(isoscope::v1::ColorBy::QUANTITY_FIELD);
       proto->set_field(value.field);
       proto->set_component(value.component);
+    }
+  }
+}
+
+void AddCommonCapWindow(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request) {
+  if (!flags.cap_window && !flags.color_range && HasOpenCaps(*request)) {
+    SetCaps({.percentiles = frame::Percentiles()}, request);
+  }
+}
+
+bool HasVisibleRange(const isoscope::v1::RenderIsosurfaceRequest& request) {
+  const auto is_visible = [](const isoscope::v1::ColorRange& range) {
+    return range.source() == isoscope::v1::ColorRange::SOURCE_VISIBLE;
+  };
+  return is_visible(request.caps().range()) ||
+         std::any_of(request.surfaces().begin(), request.surfaces().end(),
+                     [&](const isoscope::v1::Surface& surface) {
+                       return is_visible(surface.color_by().range());
+                     });
+}
+
+void KeepRanges(const isoscope::v1::RenderIsosurfaceResponse& answer,
+                isoscope::v1::RenderIsosurfaceRequest* request) {
+  if (IsOfPicture(request->caps().range()) && answer.caps_coloring().caps().has_range()) {
+    *request->mutable_caps()->mutable_range() = answer.caps_coloring().caps().range();
+  }
+  for (const isoscope::v1::SurfaceColoring& coloring : answer.colorings()) {
+    const int i = coloring.surface_index();
+    if (i >= 0 && i < request->surfaces_size() && coloring.color_by().has_range() &&
+        IsOfPicture(request->surfaces(i).color_by().range())) {
+      *request->mutable_surfaces(i)->mutable_color_by()->mutable_range() =
+          coloring.color_by().range();
     }
   }
 }

@@ -46,6 +46,14 @@ enum class MaterialChoice {
   kSoft,    // that of the first look, which burns no colour out
 };
 
+// Parses "LOW,HIGH", percent with 0 <= LOW < HIGH <= 100, or "none".
+struct CapWindow {
+  std::optional<frame::Percentiles> percentiles;  // none: the range of the samples
+
+  friend bool operator==(const CapWindow&, const CapWindow&) = default;
+};
+absl::StatusOr<CapWindow> ParseCapWindow(absl::string_view text);
+
 struct LookFlags {
   std::vector<frame::Light> lights = {};
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
@@ -53,6 +61,9 @@ struct LookFlags {
   std::vector<ColorByValue> color_by = {};
   std::optional<frame::Color> nan_color = std::nullopt;  // of missing values
   std::optional<MaterialChoice> material = std::nullopt;
+  // Of maps without a range of their own, that of caps included.
+  std::optional<frame::RangeSource> color_range = std::nullopt;
+  std::optional<CapWindow> cap_window = std::nullopt;  // of the samples on caps; before color_range
 };
 
 // `flags` must outlive the parsing.
@@ -67,6 +78,17 @@ absl::Status CheckColorFields(const LookFlags& flags, const isoscope::v1::Datase
 // a surface.
 // REQUIRES: CheckUsage is OK.
 void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
+
+// Gives caps that show samples the window that clients ask for by themselves, 2 to 98 percent of the
+// samples, unless a flag or the caps say otherwise. Only for servers with the feature `color_ranges`.
+void AddCommonCapWindow(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
+
+// Whether a request has a range of what is visible.
+bool HasVisibleRange(const isoscope::v1::RenderIsosurfaceRequest& request);
+// Gives a request the numbers that the answer to a like one has, where it asks for percentiles or for
+// what is visible: so the colours of a film, and of the regions of a picture, mean the same.
+void KeepRanges(const isoscope::v1::RenderIsosurfaceResponse& answer,
+                isoscope::v1::RenderIsosurfaceRequest* request);
 
 // Returns the name of a map for --color-by: "cool-warm".
 std::string NameOf(frame::ColorMap map);

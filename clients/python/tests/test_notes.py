@@ -58,7 +58,7 @@ def test_the_answer_tells_whether_the_colour_shows(dataset):
 
 
 def test_caps_tell_their_map_and_missing_samples(dataset):
-    frame = dataset.render(2, field="holes", nan_color="#ff0000", **cut(Caps("turbo")))
+    frame = dataset.render(2, field="holes", nan_color="#ff0000", **cut(Caps("turbo", "all")))
     assert frame.caps_coloring.caps == Caps("turbo", (0, 9))
     assert frame.caps_coloring.nan_color == "#ff0000"
     # Where samples are missing, nothing is inside.
@@ -66,6 +66,36 @@ def test_caps_tell_their_map_and_missing_samples(dataset):
     assert dataset.render(2, field="holes", **cut(True)).caps_coloring is None
     copy = pickle.loads(pickle.dumps(frame))
     assert (copy.caps_coloring, copy.notes) == (frame.caps_coloring, ())
+
+
+def test_caps_have_the_window_of_the_samples_inside_by_default(dataset):
+    default, plain, middle = (
+        dataset.render(2, field="holes", **cut(caps))
+        for caps in (Caps("grey"), Caps("grey", window=None), Caps("grey", window=(25, 75)))
+    )
+    # The samples from 2 to 9 are equally many.
+    assert default.caps_coloring.caps.range == pytest.approx((2, 9), abs=0.02)
+    assert plain.caps_coloring.caps.range == (0, 9)
+    assert middle.caps_coloring.caps.range == pytest.approx((3.5, 7.5), abs=0.52)
+    assert len({frame.png for frame in (default, plain, middle)}) == 3
+    again = dataset.render(2, field="holes", **cut(Caps("grey", default.caps_coloring.caps.range)))
+    assert again.png == default.png
+
+
+def test_the_range_of_what_is_visible_holds_what_the_picture_shows(dataset):
+    look = {"clip": isoscope.Clip(box=(4.5, 7.5, 0, 17, 0, 15)), **SIZE}
+    whole = dataset.render(0.25, field="p", color_by=ColorBy("field", field="holes"), **look)
+    assert whole.colorings[0].color_by.range == (0, 9)
+    seen = dataset.render(0.25, field="p", color_by=ColorBy("field", range="visible", field="holes"), **look)
+    least, greatest = seen.colorings[0].color_by.range
+    assert 4.4 < least < greatest < 7.6 and greatest - least > 2
+    fixed = dataset.render(0.25, field="p", color_by=ColorBy("field", range=(least, greatest), field="holes"), **look)
+    assert fixed.png == seen.png != whole.png
+    by_x = dataset.render(0.25, field="p", color_by=ColorBy("x", range="visible"), planes=["position"], **look)
+    x = by_x.position[..., 0]
+    assert by_x.colorings[0].color_by.range == pytest.approx((np.nanmin(x), np.nanmax(x)), abs=1e-5)
+    with pytest.raises(isoscope.InvalidArgumentError, match="region"):
+        dataset.render(0.25, field="p", color_by=ColorBy("x", range="visible"), region=(0, 0, 8, 8), **SIZE)
 
 
 @pytest.mark.parametrize("wrong", ["#0000ff80", (0, 0, 2), "no colour"])

@@ -191,6 +191,43 @@ def test_clip_is_a_plane_a_box_or_both():
         _messages.clip_messages((1, 2, 3))
 
 
+def test_ranges_are_numbers_or_where_they_come_from():
+    def caps(*of):
+        return _messages.clip_messages(isoscope.Clip(box=(0, 1, 0, 1, 0, 1), caps=isoscope.Caps(*of)))[1]
+
+    assert (caps("grey").range.percentiles.low, caps("grey").range.percentiles.high) == (2, 98)
+    assert not caps("grey", None, None).HasField("range") and not caps("grey", "all").HasField("range")
+    assert not caps().HasField("range"), "caps with the colour of their surface have no window"
+    assert caps("grey", (1, 3)).range == pb.ColorRange(min=1, max=3)
+    assert caps("grey", "step").range == pb.ColorRange(source="SOURCE_STEP")
+    by_z = _messages.color_by_message(isoscope.ColorBy("z", range="visible"))
+    assert by_z.range == pb.ColorRange(source="SOURCE_VISIBLE")
+    assert not _messages.color_by_message(isoscope.ColorBy("z", range="all")).HasField("range")
+    for wrong, words in ((("grey", "seen"), "caps range 'seen': must be one of 'all', 'step', 'visible'"),
+                         (("grey", None, (98, 2)), "caps window"), (("grey", None, (0, 101)), "caps window")):  # fmt: skip
+        with pytest.raises(InvalidArgumentError, match=words):
+            caps(*wrong)
+
+
+def test_older_servers_get_no_window_that_nobody_asked_for():
+    limits = dict(version="1", max_viewport=1, max_concurrent_frames=1, max_queued_frames=1, max_message_bytes=1,
+                  max_frame_seconds=1.0)  # fmt: skip
+    old = isoscope.Capabilities(**limits)
+    new = isoscope.Capabilities(**limits, features=frozenset({"color_ranges"}))
+
+    def expected(caps, capabilities):
+        request = _request.frame(info(), 1, clip=isoscope.Clip(box=(0, 1, 0, 1, 0, 1), caps=caps))
+        _request.expect_dataset(request, info(), capabilities)
+        return request.caps.HasField("range")
+
+    assert expected(isoscope.Caps("grey"), new)
+    assert not expected(isoscope.Caps("grey"), old) and not expected(isoscope.Caps("grey"), None)
+    for caps in (isoscope.Caps("grey", "step"), isoscope.Caps("grey", window=(5, 95))):
+        assert expected(caps, new)
+        with pytest.raises(isoscope.FailedPreconditionError, match="version 1, does not know ranges"):
+            expected(caps, old)
+
+
 @pytest.mark.parametrize(
     "look, words",
     [

@@ -397,6 +397,48 @@ class ControlTest(PageTest):
         self.until('isoscope.view.isExact && !isoscope.view.state.clip && !isoscope.view.state.caps')
         self.assertEqual(1, self.share_of_equal(self.picture(), before))
 
+    def choose(self, id_, value):
+        self.js('''const element = document.getElementById(arguments[0]); element.value = arguments[1];
+                element.dispatchEvent(new Event('change'));''', id_, value)
+
+    def test_colours_rescale_to_what_is_visible_and_links_keep_the_numbers(self):
+        self.gateway.control(features=['notes', 'color_ranges'])
+        self.open_and_wait()
+        self.choose('quantity', 'z')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy')
+        self.js('document.getElementById("range-visible").click()')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy.range?.max === 7.988')
+        asked = self.gateway.control()['renders'][-1]
+        self.assertEqual({'source': 'SOURCE_VISIBLE'}, asked['surfaces'][0]['colorBy']['range'])
+        self.assertEqual(self.js('return [isoscope.view.loop.picture.width, isoscope.view.loop.picture.height]'),
+                         [asked['viewport']['widthPx'], asked['viewport']['heightPx']])
+        self.assertNotIn('withNotes', asked)
+        self.until('location.hash.includes("color-by=z:viridis:0.123,7.988")')
+
+    def test_cuts_that_show_samples_have_a_window(self):
+        self.gateway.control(features=['notes', 'color_ranges'])
+        self.open_and_wait()
+        self.browser.find_element(By.ID, 'add-plane').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.clip')
+        self.choose('caps', 'slice')
+        self.until_exact()
+        self.assertEqual({'colorMap': 'COLOR_MAP_GREY', 'range': {'percentiles': {'low': 2, 'high': 98}}},
+                         self.gateway.control()['last']['frame']['caps'])
+        self.until('location.hash.includes("caps=grey&cap-window=2,98")')
+        self.js('document.getElementById("window-low").value = "10"')
+        self.choose('window-high', '40')
+        self.until('isoscope.view.isExact && isoscope.view.state.caps.range?.max === 40')
+        self.assertEqual({'min': 10, 'max': 40}, self.gateway.control()['last']['frame']['caps']['range'])
+
+    def test_an_older_coordinator_is_asked_for_no_range(self):
+        self.open_and_wait()
+        self.assertTrue(self.js('return document.getElementById("range-visible").hidden'))
+        self.browser.find_element(By.ID, 'add-plane').click()
+        self.until('isoscope.view.isExact && isoscope.view.state.clip')
+        self.choose('caps', 'slice')
+        self.until_exact()
+        self.assertEqual({'colorMap': 'COLOR_MAP_GREY'}, self.gateway.control()['last']['frame']['caps'])
+
     def test_a_clip_plane_is_added_moved_flipped_and_removed(self):
         self.open_and_wait()
         before = self.picture()
@@ -1325,6 +1367,7 @@ class RealTest(RealPageTest):
         *((f"choose('quantity', '{name}')", 'isoscope.view.state.surfaces[0].colorBy') for name in ('x', 'normal', 'gradient', 'z')),
         ("choose('map', 'cool-warm')", 'isoscope.view.state.surfaces[0].colorBy.colorMap === "COLOR_MAP_COOL_WARM"'),
         ("document.getElementById('range-min').value = '-1'; choose('range-max', '30')", 'isoscope.view.state.surfaces[0].colorBy.range'),
+        ("document.getElementById('range-visible').click()", '(isoscope.view.state.surfaces[0].colorBy.range?.min ?? -1) !== -1'),
         ("choose('opacity-min', '0.5', 'input')", 'isoscope.view.state.surfaces[0].colorBy.opacity'),
         ("choose('quantity', 'none')", '!isoscope.view.state.surfaces[0].colorBy'),
         ("choose('background', '#336699', 'input')", 'isoscope.view.state.backgroundColor.red === 0.2'),
@@ -1337,6 +1380,9 @@ class RealTest(RealPageTest):
         ("document.getElementById('add-plane').click()", 'isoscope.view.state.clip.halfSpaces'),
         ("press('#clip [data-axis=y][data-end=low]', 'PageUp')", 'isoscope.view.state.clip.box'),
         *((f"choose('caps', '{name}')", 'isoscope.view.state.caps') for name in ('filled', 'slice')),
+        ("document.getElementById('window-all').click()", '!isoscope.view.state.caps.range'),
+        ("document.getElementById('window-percentiles').click()", 'isoscope.view.state.caps.range.percentiles'),
+        ("document.getElementById('window-low').value = '20'; choose('window-high', '90')", 'isoscope.view.state.caps.range.max === 90'),
         ("press('#histogram .handle', 'PageUp')", 'true'),
         ("document.querySelector('#views button:nth-child(2)').click()", '!isoscope.view.state.cameraFit'),
     ]

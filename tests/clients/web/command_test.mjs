@@ -63,6 +63,7 @@ const STATES = {
   'filled cuts': { surfaces: [SURFACE], clip: CLIP, caps: {} },
   'cuts with samples': { surfaces: [SURFACE], clip: CLIP, caps: { colorMap: 'COLOR_MAP_GREY' } },
   'cuts with a range of samples': { surfaces: [SURFACE], clip: CLIP, caps: { colorMap: 'COLOR_MAP_COOL_WARM', range: { min: -5, max: 200 } } },
+  'cuts with a window of samples': { surfaces: [SURFACE], clip: CLIP, caps: { colorMap: 'COLOR_MAP_GREY', range: { percentiles: { low: 2, high: 98 } } } },
   'lights of the view': { surfaces: [SURFACE], lights: [{ direction: { x: -1, y: 1.2, z: 1.6 }, intensity: 0.85 },
     { direction: { x: 1, y: 0, z: 1 }, intensity: 0.3, color: { red: 0.75, green: 0.85, blue: 1, alpha: 1 } }] },
   'lights of the world': { surfaces: [SURFACE], lights: [{ direction: { x: -1 }, space: 'SPACE_WORLD' }] },

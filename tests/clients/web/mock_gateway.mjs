@@ -418,7 +418,9 @@ async function respond(request, body, reply) {
       const frame = JSON.parse(body);
       seen.renders.push(frame);
       const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
-      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb));
+      const mapped = surfacesOf(frame).flatMap(({ colorBy }, i) => colorBy ? [[i, [0.123456 - i, 7.98765]]] : []);
+      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb),
+        mapped.length > 0 ? { 'X-Isoscope-Color-Ranges': JSON.stringify(Object.fromEntries(mapped)) } : {});
     } else {
       fail(404, 'NOT_FOUND', `there is no ${url.pathname}`);
     }
@@ -438,8 +440,8 @@ function serve() {
     const chunks = [];
     request.on('data', (data) => chunks.push(data));
     request.on('end', () => {
-      const reply = (status, type, body) => {
-        response.writeHead(status, { 'Content-Type': type, 'Cache-Control': 'no-store',
+      const reply = (status, type, body, headers = {}) => {
+        response.writeHead(status, { ...headers, 'Content-Type': type, 'Cache-Control': 'no-store',
           'Content-Security-Policy': 'default-src \'none\'; script-src \'self\'; style-src \'self\'; worker-src \'self\' blob:; ' +
             'img-src \'self\' blob: data:; connect-src \'self\'; base-uri \'none\'; form-action \'none\'' });
         response.end(body);

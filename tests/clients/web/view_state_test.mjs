@@ -7,8 +7,8 @@ import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from '../../../clients/web/parameters.js';
 import {
-  asksFirstLook, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand, stateToHash,
-  tokenOfHash, tokenOfText, withFirstLook, withoutToken,
+  asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand,
+  stateToHash, tokenOfHash, tokenOfText, withFirstLook, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -205,6 +205,27 @@ test('each effect is in links, with and without values', () => {
     assert.deepEqual(stateFromHash(`#${flag}`).state, { [json]: { [values[0].json]: Number(values[0].initial) } });
     assert.equal(stateToHash({ [json]: {} }), `${flag}=${values[0].initial}`);
   }
+});
+
+test('the window of cuts is in links, and those of older versions have none', () => {
+  const clip = 'clip-box=0,1,0,1,0,1';
+  const caps = (/** @type {string} */ words) => stateFromHash(`#${clip}&${words}`).state.caps;
+  assert.deepEqual(caps('caps=grey&cap-window=2,98'), { colorMap: 'COLOR_MAP_GREY', range: { percentiles: { low: 2, high: 98 } } });
+  assert.deepEqual(caps('cap-window=0.5,50&caps=turbo').range, { percentiles: { low: 0.5, high: 50 } });
+  for (const none of ['caps=grey', 'caps=grey&cap-window=none', 'caps=grey&cap-window=98,2', 'caps=grey&cap-window=0,101']) {
+    assert.deepEqual(caps(none), { colorMap: 'COLOR_MAP_GREY' });
+  }
+  assert.deepEqual(caps('caps=grey:1,3&cap-window=2,98').range, { min: 1, max: 3 });
+  for (const [state, words] of /** @type {[any, string][]} */ ([
+    [{ colorMap: 'COLOR_MAP_GREY', range: CAP_WINDOW }, 'caps=grey&cap-window=2,98'],
+    [{ colorMap: 'COLOR_MAP_GREY' }, 'caps=grey&cap-window=none'],
+    [{ colorMap: 'COLOR_MAP_GREY', range: { min: 1, max: 3 } }, 'caps=grey:1,3'],
+    [{}, 'caps='],
+  ])) {
+    assert.equal(stateToHash({ caps: state }), words);
+    assert.deepEqual(stateFromHash(words).state.caps, state);
+  }
+  assert.deepEqual(stateFromHash('#cap-window=98,2').problems.length, 1);
 });
 
 test('links of older versions open as they did', () => {

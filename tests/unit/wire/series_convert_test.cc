@@ -107,7 +107,14 @@ TEST(SeriesConvertTest, AVolumeKeepsKeyAndDigest) {
     EXPECT_EQ(proto.manifest_crc32c(), volume.manifest_crc32c);
     EXPECT_EQ(proto.has_value_range(), volume.value_range.min <= volume.value_range.max);
     EXPECT_EQ(proto.has_max_gradient_magnitude(), volume.max_gradient_magnitude.has_value());
+    EXPECT_FALSE(proto.has_finite_range());
   }
+  store::ScalarVolume infinite = Flow().volumes.front();
+  infinite.finite_range = volume::ScalarSpan{-1, 7};
+  EXPECT_EQ(ToProto(infinite).finite_range().min(), -1);
+  EXPECT_EQ(ToProto(infinite).finite_range().max(), 7);
+  infinite.finite_range = volume::ScalarSpan();
+  EXPECT_FALSE(ToProto(infinite).has_finite_range()) << "no sample is finite";
 }
 
 }  // namespace

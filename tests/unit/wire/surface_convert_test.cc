@@ -1,7 +1,6 @@
 // Surfaces, caps, lights and colours by a quantity, from the request and back:
 //
 // - values arrive in their order, with their defaults;
-// - the range of a gradient's map, which comes from the dataset;
 // - hostile values, each named in the error (wrong_fields.h).
 
 #include "wire/surface_convert.h"
@@ -150,30 +149,6 @@ TEST(SurfaceConvertTest, LightsAndColorByArriveAndGoBack) {
   EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
 }
 
-TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
-  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
-  request.set_isovalue(0);
-  const frame::ColorBy by_gradient{.quantity = frame::ColorBy::Quantity::kGradientMagnitude,
-                                   .map = frame::ColorMap::kTurbo};
-  frame::ColorBy with_range = by_gradient;
-  with_range.range = frame::ColorRange{3, 4};
-  request.add_surfaces();
-  *request.add_surfaces()->mutable_color_by() = ToProto(by_gradient);
-  *request.add_surfaces()->mutable_color_by() = ToProto(with_range);
-  *request.add_surfaces()->mutable_color_by() = ToProto(frame::ColorBy());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
-  isoscope::v1::Dataset dataset;
-  dataset.set_name("ct");
-  for (const double bound : {12.5, 0.0}) {
-    dataset.set_max_gradient_magnitude(bound);
-    frame::FrameSpec resolved = spec;
-    ISOSCOPE_ASSERT_OK(ResolveColorRanges(dataset, &resolved));
-    EXPECT_EQ(resolved.surfaces[1].color_by->range, (frame::ColorRange{0, bound > 0 ? bound : 1}));
-    EXPECT_EQ(resolved.surfaces[2].color_by, with_range);
-    EXPECT_FALSE(resolved.surfaces[3].color_by->range.has_value());
-  }
-}
-
 TEST(SurfaceConvertTest, AFieldIsNamedExactlyWhereItIsShown) {
   using ColorBy = isoscope::v1::ColorBy;
   const frame::ColorBy by_field{.quantity = frame::ColorBy::Quantity::kField,
@@ -206,67 +181,6 @@ TEST(SurfaceConvertTest, AFieldIsNamedExactlyWhereItIsShown) {
   expect("surfaces[0].color_by.field is not set: required with surfaces[0].color_by.quantity 6");
 }
 
-template <typename Samples>
-void SetRange(double min, double max, Samples* samples) {
-  samples->mutable_value_range()->set_min(min);
-  samples->mutable_value_range()->set_max(max);
-}
-
-TEST(ColorRangeOfTest, HoldsTheValuesOfAllSteps) {
-  for (const auto& [min, max] : {std::pair(-1.0, 2.0), {3.0, 3.0}}) {
-    isoscope::v1::FieldComponent component;
-    SetRange(min, max, &component);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ColorRange range, ColorRangeOf(component, "range"));
-    EXPECT_EQ(range, frame::ColorRangeOfSamples(min, max));
-  }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ColorRange nan_range, ColorRangeOf({}, "range"));
-  EXPECT_EQ(nan_range, (frame::ColorRange{0, 1}));
-}
-
-// Symptom: a single infinite sample stretched the range, and all others had one colour.
-TEST(ColorRangeOfTest, InfiniteSamplesDoNotCount) {
-  constexpr double kInf = std::numeric_limits<double>::infinity();
-  for (const auto& [min, max] : {std::pair(0.0, kInf), {-kInf, 5.0}, {-kInf, kInf}}) {
-    isoscope::v1::FieldComponent component;
-    SetRange(min, max, &component);
-    EXPECT_THAT(ColorRangeOf(component, "surfaces[0].color_by.range"),
-                StatusIs(absl::StatusCode::kInvalidArgument,
-                         HasSubstr("surfaces[0].color_by.range is not set: required, because there "
-                                   "are infinite samples")));
-    component.mutable_finite_range()->set_min(2);
-    component.mutable_finite_range()->set_max(4);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ColorRange range, ColorRangeOf(component, "range"));
-    EXPECT_EQ(range, (frame::ColorRange{2, 4}));
-  }
-}
-
-TEST(ResolveColorRangesTest, TheMapOfCapsHasTheRangeOfTheDatasetsFiniteSamples) {
-  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
-  request.mutable_clip()->mutable_box()->mutable_min();
-  request.mutable_clip()->mutable_box()->mutable_max()->set_x(1);
-  request.mutable_caps()->set_color_map(isoscope::v1::COLOR_MAP_TURBO);
-  isoscope::v1::Dataset dataset;
-  SetRange(-3, 8, &dataset);
-  const auto resolved = [&]() -> absl::StatusOr<frame::FrameSpec> {
-    ISOSCOPE_ASSIGN_OR_RETURN(frame::FrameSpec spec, FrameSpecFromProto(request));
-    ISOSCOPE_RETURN_IF_ERROR(ResolveColorRanges(dataset, &spec));
-    return spec;
-  };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, resolved());
-  EXPECT_EQ(spec.caps->range, (frame::ColorRange{-3, 8}));
-  SetRange(-3, std::numeric_limits<double>::infinity(), &dataset);
-  EXPECT_THAT(resolved(), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("caps.range")));
-  dataset.mutable_finite_range()->set_max(7);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, resolved());
-  EXPECT_EQ(spec.caps->range, (frame::ColorRange{0, 7}));
-  request.mutable_caps()->mutable_range()->set_max(2);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, resolved());
-  EXPECT_EQ(spec.caps->range, (frame::ColorRange{0, 2}));
-  request.mutable_caps()->Clear();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, resolved());
-  EXPECT_EQ(spec.caps, frame::ClipCaps()) << "caps with the look of the surface have no range";
-}
-
 TEST(NanColorTest, IsOpaqueAndOneOfTheMapsOwnByDefault) {
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
@@ -282,23 +196,6 @@ TEST(NanColorTest, IsOpaqueAndOneOfTheMapsOwnByDefault) {
   color->set_blue(1.5F);
   EXPECT_THAT(FrameSpecFromProto(request),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("nan_color.blue is 1.5")));
-}
-
-TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
-  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
-  request.set_isovalue(0);
-  request.add_surfaces()->mutable_color_by()->set_quantity(
-      isoscope::v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
-  isoscope::v1::Dataset dataset;
-  dataset.set_name("ct");
-  EXPECT_THAT(ResolveColorRanges(dataset, &spec),
-              StatusIs(absl::StatusCode::kInvalidArgument,
-                       HasSubstr("surfaces[0].color_by.range is not set: required, because dataset "
-                                 "'ct'")));
-  request.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_max(2);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
-  ISOSCOPE_EXPECT_OK(ResolveColorRanges(dataset, &spec));
 }
 
 TEST(SurfaceConvertTest, EveryColorMapIsKnown) {

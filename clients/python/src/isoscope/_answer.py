@@ -20,7 +20,7 @@ from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope._mesh import CLAY, Rgba
 from isoscope._messages import MAPS, QUANTITIES, surfaces_of
-from isoscope._request import PLANES
+from isoscope._request import PLANES, is_asked
 from isoscope._warn import warn_of_surface
 from isoscope.camera import Camera
 from isoscope.data import (
@@ -256,6 +256,17 @@ def _note(proto: pb.SurfaceNote) -> SurfaceNote:
     return SurfaceNote(proto.surface_index, reason, proto.message)
 
 
+def _set_ranges(request: pb.RenderIsosurfaceRequest, answer: pb.RenderIsosurfaceResponse) -> None:
+    """Sets the ranges of colours that the server has found."""
+    if is_asked(request.caps.range) and answer.HasField("caps_coloring"):
+        request.caps.range.CopyFrom(answer.caps_coloring.caps.range)
+    for coloring in answer.colorings:
+        if coloring.surface_index < len(request.surfaces):
+            color_by = request.surfaces[coloring.surface_index].color_by
+            if is_asked(color_by.range):
+                color_by.range.CopyFrom(coloring.color_by.range)
+
+
 class FrameParts:
     """Puts the parts of RenderIsosurfaceStream together."""
 
@@ -280,13 +291,14 @@ class FrameParts:
     def result(self, do: Callable[[Any], Any] | None) -> Frame:
         """Returns the frame, with the request that gives it again wherever the server had moved the camera.
 
-        It also names the step that was the last one, or the nearest to a time.
+        It also names the step that was the last one, or the nearest to a time, and the ranges that the server found.
         """
         again = pb.RenderIsosurfaceRequest()
         again.CopyFrom(self._request)
         again.camera.CopyFrom(self._rest.camera)
         again.ClearField("camera_fit")
         again.ClearField("with_notes")
+        _set_ranges(again, self._rest)
         notes = tuple(map(_note, self._rest.notes))
         for note in notes:
             warn_of_surface(note.message)

@@ -22,6 +22,7 @@ from isoscope.look import (
     ColorLike,
     LightLike,
     Material,
+    RangeLike,
     SurfaceLike,
     as_bounds,
     as_clip,
@@ -43,6 +44,7 @@ CULLINGS = _words(frame_pb2.Culling)
 FITS = _words(pb.CameraFit)
 QUANTITIES = {name: 1 + at for at, name in enumerate(("x", "y", "z", "normal", "gradient", "field"))}
 _SPACES = _words(pb.Light.Space)
+_RANGE_SOURCES = {"all": 0, **_words(pb.ColorRange.Source)}
 _ENDS = {"first": 0, "last": -1}
 
 
@@ -199,8 +201,9 @@ def color_by_message(like: ColorByLike) -> pb.ColorBy | None:
         raise InvalidArgumentError(f"color_by component {value.component!r}: only a field has one")
     if value.map is not None:
         proto.color_map = cast(Any, choice(MAPS, value.map, "color_by map"))
-    if value.range is not None:
-        proto.range.CopyFrom(_range(value.range, "color_by range"))
+    color_range = None if value.range is None else _range_or_source(value.range, "color_by range")
+    if color_range is not None:
+        proto.range.CopyFrom(color_range)
     if value.opacity is not None:
         at_min, at_max = as_pair(value.opacity, "color_by opacity")
         proto.opacity.CopyFrom(pb.MapOpacity(at_min=at_min, at_max=at_max))
@@ -245,6 +248,25 @@ def _material(value: Material) -> pb.Material:
     return proto
 
 
+def _range_or_source(value: RangeLike, name: str) -> pb.ColorRange | None:
+    """Returns the message of a range; None for "all", the server's default."""
+    if not isinstance(value, str):
+        return _range(value, name)
+    source = choice(_RANGE_SOURCES, value, name)
+    return pb.ColorRange(source=cast(Any, source)) if source else None
+
+
+def _range_of_caps(caps: Caps) -> pb.ColorRange | None:
+    if caps.map is None or caps.range is not None:
+        return None if caps.range is None else _range_or_source(caps.range, "caps range")
+    if caps.window is None:
+        return None
+    low, high = as_pair(caps.window, "caps window")
+    if not 0 <= low < high <= 100:
+        raise InvalidArgumentError(f"caps window {caps.window!r}: must be two percentages, 0 <= low < high <= 100")
+    return pb.ColorRange(percentiles=pb.Percentiles(low=low, high=high))
+
+
 def clip_messages(clip: ClipLike) -> tuple[pb.ClipRegion, pb.ClipCaps | None]:
     """Returns the messages of a region and of its caps."""
     value = as_clip(clip)
@@ -262,8 +284,9 @@ def clip_messages(clip: ClipLike) -> tuple[pb.ClipRegion, pb.ClipCaps | None]:
         if isinstance(value.caps, Caps):
             if value.caps.map is not None:
                 caps.color_map = cast(Any, choice(MAPS, value.caps.map, "caps map"))
-            if value.caps.range is not None:
-                caps.range.CopyFrom(_range(value.caps.range, "caps range"))
+            caps_range = _range_of_caps(value.caps)
+            if caps_range is not None:
+                caps.range.CopyFrom(caps_range)
     return proto, caps
 
 

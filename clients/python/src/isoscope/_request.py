@@ -44,6 +44,7 @@ from isoscope.errors import FailedPreconditionError, InvalidArgumentError
 from isoscope.frame import PlaneName
 from isoscope.labels import LabelsLike, as_label_sets
 from isoscope.look import (
+    DEFAULT_WINDOW,
     ClipLike,
     ColorByLike,
     ColorLike,
@@ -373,6 +374,24 @@ def histogram(
     return request
 
 
+def is_asked(color_range: pb.ColorRange) -> bool:
+    """Whether the server finds the ends of a range."""
+    return bool(color_range.source) or color_range.HasField("percentiles")
+
+
+def _leave_out_ranges(request: pb.RenderIsosurfaceRequest, capabilities: Capabilities | None) -> None:
+    """Leaves out the window of caps that nobody asked for: older servers refuse the field."""
+    window = request.caps.range.percentiles
+    if request.caps.range.HasField("percentiles") and (window.low, window.high) == DEFAULT_WINDOW:
+        request.caps.ClearField("range")
+    ranges = [request.caps.range, *(surface.color_by.range for surface in request.surfaces)]
+    if capabilities is not None and any(map(is_asked, ranges)):
+        raise FailedPreconditionError(
+            f"the server, version {capabilities.version}, does not know ranges of colours but by numbers: it is older "
+            "than the client"
+        )
+
+
 def expect_dataset(
     request: pb.RenderIsosurfaceRequest | pb.ExportIsosurfaceRequest | datasets_pb.GetHistogramRequest,
     dataset: DatasetInfo,
@@ -381,6 +400,10 @@ def expect_dataset(
     """Lets a request fail if the name has other contents by now. Older servers refuse the field."""
     if capabilities is not None and "dataset_id" in capabilities.features:
         request.dataset_id = dataset.id
+    if isinstance(request, pb.RenderIsosurfaceRequest) and (
+        capabilities is None or "color_ranges" not in capabilities.features
+    ):
+        _leave_out_ranges(request, capabilities)
     surfaces = [] if isinstance(request, datasets_pb.GetHistogramRequest) else request.surfaces
     if capabilities is not None and "labels" not in capabilities.features and any(one.labels for one in surfaces):
         raise FailedPreconditionError(

@@ -27,6 +27,10 @@ __all__ = ["AmbientOcclusion", "Caps", "Clip", "ColorBy", "Light", "Material", "
 ColorLike = Union[str, Sequence[float]]
 #: Colour maps of 256 colours.
 ColorMap = Literal["viridis", "magma", "cividis", "turbo", "cool-warm", "grey"]
+#: Percentiles of the samples that caps with a map show.
+DEFAULT_WINDOW = (2.0, 98.0)
+#: Ends of a colour map: two values, or those of what the picture shows, of the step that is drawn, or of all steps.
+RangeLike = Union["tuple[float, float]", Literal["visible", "step", "all"]]
 # Quantities of `ColorBy`: world coordinates, normals, the length of the gradient of the samples, or a field.
 Quantity = Literal["x", "y", "z", "normal", "gradient", "field"]
 
@@ -93,8 +97,9 @@ class ColorBy:
     Attributes:
         quantity: "x", "y", "z" (world coordinate), "normal", "gradient" (field units per world unit), or "field".
         map: colour map; default "viridis". Not with "normal".
-        range: values at the ends of the map; default: the volume's box, 0 to Dataset.max_gradient, or the range of the
-            field over all steps.
+        range: values at the ends of the map; default ("all"): the volume's box, 0 to Dataset.max_gradient, or the range
+            of the field over all steps. "step": the same at the step that is drawn. "visible": the values that the
+            picture shows; `Frame.colorings` has them, to be kept for other views.
         opacity: opacities at the ends of the map, in [0, 1]; default: 1 at both.
         field: name of the field whose samples show, at the step that is drawn; "velocity:x" names a component, too.
         component: its component; default: the only one, or the magnitude.
@@ -102,7 +107,7 @@ class ColorBy:
 
     quantity: Quantity = "field"
     map: ColorMap | None = None
-    range: tuple[float, float] | None = None
+    range: RangeLike | None = None
     opacity: tuple[float, float] | None = None
     field: str | None = None
     component: str | int | None = None
@@ -188,11 +193,14 @@ class Caps:
 
     Attributes:
         map: colour map of the samples on the cut; None: the colour of the surface.
-        range: values at the ends of the map; default: the range of the samples.
+        range: values at the ends of the map, as of ColorBy; default: those of the window.
+        window: percentiles of the samples at the ends of the map, counted from the lowest isovalue of an opaque surface
+            on; None: the range of all samples. Servers older than windows have that range, too.
     """
 
     map: ColorMap | None = None
-    range: tuple[float, float] | None = None
+    range: RangeLike | None = None
+    window: tuple[float, float] | None = DEFAULT_WINDOW
 
 
 @dataclass(frozen=True)

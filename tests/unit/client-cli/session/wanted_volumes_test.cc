@@ -249,11 +249,30 @@ TEST_F(AddColorsTest, TheGradientWithoutARangeNeedsAllStepsOfTheField) {
   EXPECT_THAT(Wanted().colors, IsEmpty());
 }
 
-TEST_F(AddColorsTest, CapsWithAMapAndNoRangeNeedAllStepsOfTheField) {
+TEST_F(AddColorsTest, CapsNeedAllStepsWhereTheyHaveNeitherARangeNorAWindow) {
   caps_ = frame::ClipCaps{.map = frame::ColorMap::kViridis};
+  EXPECT_FALSE(Wanted().needs_all_steps) << "render asks for the window of the step";
+  look_.color_range = frame::RangeSource::kAllSteps;
+  EXPECT_TRUE(Wanted().needs_all_steps);
+  look_.cap_window = client::CapWindow{.percentiles = frame::Percentiles()};
+  EXPECT_FALSE(Wanted().needs_all_steps);
+  look_.cap_window = client::CapWindow();
   EXPECT_TRUE(Wanted().needs_all_steps);
   caps_->range = frame::ColorRange{.min = 0, .max = 1};
   EXPECT_FALSE(Wanted().needs_all_steps);
+}
+
+TEST_F(AddColorsTest, TheRangeOfTheStepNeedsNoOtherStep) {
+  caps_ = frame::ClipCaps{.map = frame::ColorMap::kViridis};
+  look_.color_by = {
+      {.color_by = frame::ColorBy{}, .field = "u"},
+      {.color_by = frame::ColorBy{.quantity = frame::ColorBy::Quantity::kGradientMagnitude}}};
+  look_.color_range = frame::RangeSource::kStep;
+  EXPECT_FALSE(Wanted().colors.at(0).needs_all_steps);
+  EXPECT_FALSE(Wanted().needs_all_steps);
+  look_.color_range = frame::RangeSource::kVisible;
+  EXPECT_TRUE(Wanted().colors.at(0).needs_all_steps) << "it is found within that of all steps";
+  EXPECT_TRUE(Wanted().needs_all_steps);
 }
 
 }  // namespace

@@ -127,6 +127,38 @@ TEST(SeriesStateTest, AStepIsOfferedOnceAllShardsHaveIt) {
   EXPECT_THAT(StepsOf(later->dataset), ElementsAre(0, 1, 2));
 }
 
+// Symptom: colours of one step had the range of all, in which it is a few shades.
+TEST(SeriesStateTest, AStepHasItsOwnRanges) {
+  const auto with_ranges = [](internal::ShardDescription shard) {
+    for (internal::VolumeDescription& volume : *shard.mutable_volumes()) {
+      volume.mutable_value_range()->set_min(volume.component_index());
+      volume.mutable_value_range()->set_max(volume.step_number() + 2);
+      volume.set_max_gradient_magnitude(3 + volume.step_number());
+    }
+    return shard;
+  };
+  const auto flow = Flow({Agent("a:1", {with_ranges(Shard(0, {0, 1}))}),
+                          Agent("b:1", {with_ranges(Shard(1, {0, 1}))})});
+  const frame::ColorBy by_magnitude{
+      .quantity = frame::ColorBy::Quantity::kField, .field = "velocity", .component = "magnitude"};
+  for (const int step : {0, 1}) {
+    std::vector<frame::Surface> surfaces(3);
+    surfaces[0].color_by = surfaces[1].color_by = surfaces[2].color_by = by_magnitude;
+    surfaces[1].color_by->range_source = frame::RangeSource::kStep;
+    surfaces[2].color_by->range_source = frame::RangeSource::kVisible;
+    const v1::FieldSelection selection = Selection(absl::StrCat("time_step: ", step));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume selected,
+                                  SelectVolume(flow, &selection, &surfaces));
+    EXPECT_EQ(selected.at_step.value_range().max(), step + 2);
+    EXPECT_EQ(selected.at_step.max_gradient_magnitude(), step + 3);
+    EXPECT_EQ(selected.dataset->dataset.value_range().max(), 1) << "over all steps";
+    EXPECT_EQ(surfaces[0].color_by->range, (frame::ColorRange{0, 9}));
+    EXPECT_EQ(surfaces[1].color_by->range, (frame::ColorRange{1, step + 2.0}));
+    EXPECT_EQ(surfaces[2].color_by->range, (frame::ColorRange{0, 9}));
+    EXPECT_EQ(surfaces[2].color_by->range_source, frame::RangeSource::kVisible);
+  }
+}
+
 // Series with one dataset id may differ in later steps.
 TEST(SeriesStateTest, TheDigestOfAStepTellsItsVolumes) {
   const auto digests_of = [](const std::vector<internal::ShardDescription>& shards) {

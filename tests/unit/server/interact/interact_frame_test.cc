@@ -113,5 +113,20 @@ TEST(InteractFrameTest, OutputsThatAreNoPictureAreNamed) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.allow_partial")));
 }
 
+// Symptom: the colours would flicker while the view turns.
+TEST(InteractFrameTest, ARangeOfWhatIsVisibleIsRefusedAndOneOfTheStepIsNot) {
+  v1::ViewState state = State();
+  state.mutable_frame()->clear_isovalue();
+  v1::ColorBy& color_by = *state.mutable_frame()->add_surfaces()->mutable_color_by();
+  color_by.set_quantity(v1::ColorBy::QUANTITY_POSITION_X);
+  color_by.mutable_range()->set_source(v1::ColorRange::SOURCE_STEP);
+  EXPECT_THAT(ExactFrameOf(state), IsOk());
+  color_by.mutable_range()->set_source(v1::ColorRange::SOURCE_VISIBLE);
+  EXPECT_THAT(ExactFrameOf(state),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("source 2 (visible)")));
+  EXPECT_THAT(MovingFrameOf(state, {}),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("source 2 (visible)")));
+}
+
 }  // namespace
 }  // namespace isoscope::server

@@ -99,6 +99,18 @@ TEST(PictureAnswerTest, TheAnswerSaysItsFieldsAndItsTime) {
   EXPECT_THAT(response.headers[3].second, HasSubstr("1.5"));
 }
 
+TEST(PictureAnswerTest, TheAnswerSaysTheRangesOfItsColours) {
+  const auto rendered = Parse<v1::RenderIsosurfaceResponse>(
+      R"(png: "a"
+         colorings { surface_index: 0 color_by { quantity: QUANTITY_NORMAL } }
+         colorings { surface_index: 2 color_by { range { min: -0.1 max: 3e22 } } }
+         caps_coloring { caps { range { min: 10 max: 110.5 } } })");
+  const HttpResponse response = PictureResponse({}, {}, rendered);
+  ASSERT_EQ(response.headers.size(), 3U);
+  EXPECT_EQ(response.headers[2].first, "X-Isoscope-Color-Ranges");
+  EXPECT_EQ(response.headers[2].second, R"({"2":[-0.1,3e+22],"caps":[10.0,110.5]})");
+}
+
 TEST(PictureAnswerTest, WhoMayKeepAPictureAndForHowLong) {
   struct Case {
     bool is_by_id;

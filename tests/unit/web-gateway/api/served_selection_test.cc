@@ -34,6 +34,14 @@ TEST(ServedSelectionTest, RangesCountWhereAMapHasNoneOfItsOwn) {
   request.mutable_caps()->set_color_map(v1::COLOR_MAP_GREY);
   EXPECT_NE(RangesOfColors(request, MakeSeries()), "");
   request.mutable_caps()->mutable_range();
+  EXPECT_EQ(RangesOfColors(request, MakeSeries()), "");
+  request.mutable_caps()->mutable_range()->mutable_percentiles();
+  EXPECT_EQ(RangesOfColors(request, MakeSeries()), "") << "of the step's samples";
+  request.mutable_caps()->mutable_range()->set_source(v1::ColorRange::SOURCE_STEP);
+  EXPECT_EQ(RangesOfColors(request, MakeSeries()), "");
+  request.mutable_caps()->mutable_range()->set_source(v1::ColorRange::SOURCE_VISIBLE);
+  EXPECT_NE(RangesOfColors(request, MakeSeries()), "") << "it is found within that of all steps";
+  request.mutable_caps()->mutable_range()->Clear();
   request.add_surfaces()->mutable_color_by();
   const std::string before = RangesOfColors(request, MakeSeries());
   v1::Dataset later = MakeSeries();

@@ -82,12 +82,21 @@ class ColorBy(_message.Message):
     def __init__(self, quantity: _Optional[_Union[ColorBy.Quantity, str]] = ..., color_map: _Optional[_Union[ColorMap, str]] = ..., range: _Optional[_Union[ColorRange, _Mapping]] = ..., opacity: _Optional[_Union[MapOpacity, _Mapping]] = ..., field: _Optional[str] = ..., component: _Optional[str] = ...) -> None: ...
 
 class ColorRange(_message.Message):
-    __slots__ = ["max", "min"]
+    __slots__ = ["max", "min", "percentiles", "source"]
+    class Source(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = []
     MAX_FIELD_NUMBER: _ClassVar[int]
     MIN_FIELD_NUMBER: _ClassVar[int]
+    PERCENTILES_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_STEP: ColorRange.Source
+    SOURCE_UNSPECIFIED: ColorRange.Source
+    SOURCE_VISIBLE: ColorRange.Source
     max: float
     min: float
-    def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ...) -> None: ...
+    percentiles: Percentiles
+    source: ColorRange.Source
+    def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ..., source: _Optional[_Union[ColorRange.Source, str]] = ..., percentiles: _Optional[_Union[Percentiles, _Mapping]] = ...) -> None: ...
 
 class ExportIsosurfaceRequest(_message.Message):
     __slots__ = ["clip", "closes", "dataset", "dataset_id", "isovalue", "selection", "surfaces", "with_measures", "with_origin", "without_mesh"]
@@ -208,6 +217,14 @@ class OutputOptions(_message.Message):
     position: bool
     surface_index: bool
     def __init__(self, image_format: _Optional[_Union[OutputOptions.ImageFormat, str]] = ..., jpeg_quality: _Optional[int] = ..., depth: bool = ..., surface_index: bool = ..., position: bool = ..., normal: bool = ...) -> None: ...
+
+class Percentiles(_message.Message):
+    __slots__ = ["high", "low"]
+    HIGH_FIELD_NUMBER: _ClassVar[int]
+    LOW_FIELD_NUMBER: _ClassVar[int]
+    high: float
+    low: float
+    def __init__(self, low: _Optional[float] = ..., high: _Optional[float] = ...) -> None: ...
 
 class PickSurfaceRequest(_message.Message):
     __slots__ = ["frame", "pixels", "with_field_values"]

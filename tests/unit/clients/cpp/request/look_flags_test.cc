@@ -222,6 +222,113 @@ TEST(LookFlagsTest, AColorOfMissingValuesNeedsAMapThatShowsSamples) {
   EXPECT_FALSE(without.has_nan_color());
 }
 
+TEST(LookFlagsTest, AWindowHasTwoPercentagesOrIsNone) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(CapWindow window, ParseCapWindow("0.5,100"));
+  EXPECT_EQ(window.percentiles, (frame::Percentiles{.low = 0.5, .high = 100}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(window, ParseCapWindow("none"));
+  EXPECT_EQ(window, CapWindow());
+  for (const char* text : {"", "2", "2,98,99", "98,2", "2,2", "-1,98", "2,101", "nan,98", "all"}) {
+    EXPECT_THAT(ParseCapWindow(text),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("LOW,HIGH")))
+        << text;
+  }
+}
+
+// A request whose caps show samples, and whose surfaces show x, from 0 to 1, and their normal.
+isoscope::v1::RenderIsosurfaceRequest CutWith(const LookFlags& given) {
+  LookFlags flags = given;
+  flags.color_by = {{ColorBy{}},
+                    {ColorBy{.range = frame::ColorRange{0, 1}}},
+                    {ColorBy{.quantity = ColorBy::Quantity::kNormal}}};
+  isoscope::v1::RenderIsosurfaceRequest request;
+  for (int i = 0; i < 3; ++i) {
+    request.add_surfaces();
+  }
+  request.mutable_caps()->set_color_map(isoscope::v1::COLOR_MAP_TURBO);
+  AddLook(flags, &request);
+  return request;
+}
+
+TEST(LookFlagsTest, ARangeIsThatOfAllMapsWithoutOneOfTheirOwn) {
+  using isoscope::v1::ColorRange;
+  EXPECT_FALSE(CutWith({}).caps().has_range()) << "the server's defaults";
+  EXPECT_FALSE(CutWith({}).surfaces(0).color_by().has_range());
+  const LookFlags visible{.color_range = frame::RangeSource::kVisible};
+  const isoscope::v1::RenderIsosurfaceRequest request = CutWith(visible);
+  EXPECT_EQ(request.caps().ShortDebugString(),
+            "color_map: COLOR_MAP_TURBO range { source: SOURCE_VISIBLE }");
+  EXPECT_EQ(request.surfaces(0).color_by().range().source(), ColorRange::SOURCE_VISIBLE);
+  EXPECT_EQ(request.surfaces(1).color_by().range().ShortDebugString(), "max: 1");
+  EXPECT_FALSE(request.surfaces(2).color_by().has_range());
+  EXPECT_TRUE(HasVisibleRange(request));
+  EXPECT_FALSE(HasVisibleRange(CutWith({.color_range = frame::RangeSource::kStep})));
+  EXPECT_EQ(CutWith({.color_range = frame::RangeSource::kAllSteps}).SerializeAsString(),
+            CutWith({}).SerializeAsString());
+}
+
+TEST(LookFlagsTest, AWindowIsThatOfCapsAndComesBeforeTheRange) {
+  const LookFlags window{.color_range = frame::RangeSource::kStep,
+                         .cap_window = CapWindow{.percentiles = frame::Percentiles()}};
+  EXPECT_EQ(CutWith(window).caps().range().ShortDebugString(), "percentiles { low: 2 high: 98 }");
+  const LookFlags none{.color_range = frame::RangeSource::kStep, .cap_window = CapWindow()};
+  EXPECT_FALSE(CutWith(none).caps().has_range());
+  isoscope::v1::RenderIsosurfaceRequest plain;
+  plain.mutable_caps();
+  AddLook(window, &plain);
+  EXPECT_FALSE(plain.caps().has_range()) << "caps with the colour of their surface";
+}
+
+TEST(LookFlagsTest, TheCommonWindowIsForCapsThatNoFlagSays) {
+  const auto range_with = [](const LookFlags& flags) {
+    isoscope::v1::RenderIsosurfaceRequest request = CutWith(flags);
+    AddCommonCapWindow(flags, &request);
+    return request.caps().range().ShortDebugString();
+  };
+  EXPECT_EQ(range_with({}), "percentiles { low: 2 high: 98 }");
+  EXPECT_EQ(range_with({.cap_window = CapWindow()}), "");
+  EXPECT_EQ(range_with({.color_range = frame::RangeSource::kAllSteps}), "");
+  isoscope::v1::RenderIsosurfaceRequest request = CutWith({});
+  request.mutable_caps()->mutable_range()->set_max(3);
+  AddCommonCapWindow({}, &request);
+  EXPECT_EQ(request.caps().range().ShortDebugString(), "max: 3");
+}
+
+TEST(LookFlagsTest, RangesAndWindowsNeedAMap) {
+  const LookFlags range{.color_range = frame::RangeSource::kStep};
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(range, 1, /*has_sample_caps=*/false)));
+  ISOSCOPE_EXPECT_OK(CheckUsage(range, 1, /*has_sample_caps=*/true));
+  LookFlags colored = range;
+  colored.color_by = {{ColorBy{.quantity = ColorBy::Quantity::kNormal}}};
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(colored, 1, /*has_sample_caps=*/false)));
+  colored.color_by = {{ColorBy{}}};
+  ISOSCOPE_EXPECT_OK(CheckUsage(colored, 1, /*has_sample_caps=*/false));
+  const LookFlags window{.cap_window = CapWindow()};
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(window, 1, /*has_sample_caps=*/false)));
+  ISOSCOPE_EXPECT_OK(CheckUsage(window, 1, /*has_sample_caps=*/true));
+}
+
+// Symptom: the colours of a film meant something else in each frame.
+TEST(LookFlagsTest, LaterFramesKeepTheRangesOfThePicture) {
+  isoscope::v1::RenderIsosurfaceResponse answer;
+  answer.mutable_caps_coloring()->mutable_caps()->mutable_range()->set_max(110);
+  isoscope::v1::SurfaceColoring& coloring = *answer.add_colorings();
+  coloring.mutable_color_by()->mutable_range()->set_max(7);
+  isoscope::v1::RenderIsosurfaceRequest request =
+      CutWith({.color_range = frame::RangeSource::kVisible});
+  KeepRanges({}, &request);
+  EXPECT_TRUE(HasVisibleRange(request)) << "there is no answer yet";
+  KeepRanges(answer, &request);
+  EXPECT_EQ(request.caps().range().ShortDebugString(), "max: 110");
+  EXPECT_EQ(request.surfaces(0).color_by().range().ShortDebugString(), "max: 7");
+  EXPECT_FALSE(HasVisibleRange(request));
+  request = CutWith({.color_range = frame::RangeSource::kStep});
+  KeepRanges(answer, &request);
+  EXPECT_EQ(request.caps().range().ShortDebugString(), "source: SOURCE_STEP")
+      << "each step has its own";
+  coloring.set_surface_index(1000);
+  KeepRanges(answer, &request);
+}
+
 TEST(LookFlagsTest, ASurfaceMayKeepItsColor) {
   LookFlags flags;
   flags.color_by = {{}, {ColorBy{.quantity = ColorBy::Quantity::kNormal}}};
