@@ -93,7 +93,7 @@ HelpLayout HelpLayoutOfCommands() {
       {"Views", {}},
       {"Camera (default: the first look, as of the page)", {}},
       {"Lights and colours", {}},
-      {"Cuts", {"--clip-plane", "--clip-box", "--caps"}},
+      {"Cuts", {"--clip-plane", "--clip-box", "--caps", "--cap-window"}},
       {"Effects", {}},
       {"Annotations (drawn over the picture)", {}},
       {"Films", {"--repeat", "--orbit", "--fps"}},
