@@ -14,7 +14,7 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import descriptor_pb2 as google_dot_protobuf_dot_descriptor__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19isoscope/v1/options.proto\x12\x0bisoscope.v1\x1a google/protobuf/descriptor.proto\"\x86\x01\n\tFirstLook\x12\x17\n\x0f\x61zimuth_degrees\x18\x01 \x01(\x01\x12\x19\n\x11\x65levation_degrees\x18\x02 \x01(\x01\x12\x0f\n\x07samples\x18\x03 \x01(\x05\x12\x0f\n\x07\x64iffuse\x18\x04 \x01(\x02\x12\x10\n\x08specular\x18\x05 \x01(\x02\x12\x11\n\tshininess\x18\x06 \x01(\x02\",\n\rEffectOptions\x12\r\n\x05title\x18\x01 \x01(\t\x12\x0c\n\x04help\x18\x02 \x01(\t\"L\n\x0cValueOptions\x12\x0b\n\x03min\x18\x01 \x01(\x01\x12\x0b\n\x03max\x18\x02 \x01(\x01\x12\x14\n\x0c\x64\x65\x66\x61ult_text\x18\x03 \x01(\t\x12\x0c\n\x04help\x18\x04 \x01(\t:S\n\x0e\x65\x66\x66\x65\x63t_options\x12\x1d.google.protobuf.FieldOptions\x18\xb4\x87\x03 \x01(\x0b\x32\x1a.isoscope.v1.EffectOptions:Q\n\rvalue_options\x12\x1d.google.protobuf.FieldOptions\x18\xb5\x87\x03 \x01(\x0b\x32\x19.isoscope.v1.ValueOptions:M\n\nfirst_look\x12\x1f.google.protobuf.MessageOptions\x18\xb6\x87\x03 \x01(\x0b\x32\x16.isoscope.v1.FirstLookb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19isoscope/v1/options.proto\x12\x0bisoscope.v1\x1a google/protobuf/descriptor.proto\"\x86\x01\n\tFirstLook\x12\x17\n\x0f\x61zimuth_degrees\x18\x01 \x01(\x01\x12\x19\n\x11\x65levation_degrees\x18\x02 \x01(\x01\x12\x0f\n\x07samples\x18\x03 \x01(\x05\x12\x0f\n\x07\x64iffuse\x18\x04 \x01(\x02\x12\x10\n\x08specular\x18\x05 \x01(\x02\x12\x11\n\tshininess\x18\x06 \x01(\x02\",\n\rEffectOptions\x12\r\n\x05title\x18\x01 \x01(\t\x12\x0c\n\x04help\x18\x02 \x01(\t\"L\n\x0cValueOptions\x12\x0b\n\x03min\x18\x01 \x01(\x01\x12\x0b\n\x03max\x18\x02 \x01(\x01\x12\x14\n\x0c\x64\x65\x66\x61ult_text\x18\x03 \x01(\t\x12\x0c\n\x04help\x18\x04 \x01(\t:S\n\x0e\x65\x66\x66\x65\x63t_options\x12\x1d.google.protobuf.FieldOptions\x18\xb4\x87\x03 \x01(\x0b\x32\x1a.isoscope.v1.EffectOptions:Q\n\rvalue_options\x12\x1d.google.protobuf.FieldOptions\x18\xb5\x87\x03 \x01(\x0b\x32\x19.isoscope.v1.ValueOptions:M\n\nfirst_look\x12\x1f.google.protobuf.MessageOptions\x18\xb6\x87\x03 \x01(\x0b\x32\x16.isoscope.v1.FirstLookB\'\n\x0bisoscope.v1P\x01Z\x16isoscope/v1;isoscopev1b\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.options_pb2', globals())
@@ -24,6 +24,7 @@ if _descriptor._USE_C_DESCRIPTORS == False:
   getattr(google_dot_protobuf_dot_descriptor__pb2.MessageOptions, "RegisterExtension", id)(first_look)
 
   DESCRIPTOR._options = None
+  DESCRIPTOR._serialized_options = b'\n\013isoscope.v1P\001Z\026isoscope/v1;isoscopev1'
   _FIRSTLOOK._serialized_start=77
   _FIRSTLOOK._serialized_end=211
   _EFFECTOPTIONS._serialized_start=213

@@ -14,13 +14,14 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x17isoscope/v1/trace.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\"d\n\nFrameTrace\x12\x14\n\x0c\x66rame_number\x18\x01 \x01(\x03\x12\x12\n\nrequest_id\x18\x02 \x01(\t\x12,\n\tprocesses\x18\x03 \x03(\x0b\x32\x19.isoscope.v1.ProcessTrace\"\x9a\x01\n\x0cProcessTrace\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\'\n\x06tracks\x18\x02 \x03(\x0b\x32\x17.isoscope.v1.TraceTrack\x12\x1a\n\x12\x64ropped_span_count\x18\x03 \x01(\x03\x12\x37\n\x14\x63lock_error_duration\x18\x04 \x01(\x0b\x32\x19.google.protobuf.Duration\"A\n\nTraceTrack\x12\x0c\n\x04name\x18\x01 \x01(\t\x12%\n\x05spans\x18\x02 \x03(\x0b\x32\x16.isoscope.v1.TraceSpan\"~\n\tTraceSpan\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x31\n\x0estart_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\rspan_duration\x18\x03 \x01(\x0b\x32\x19.google.protobuf.Durationb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x17isoscope/v1/trace.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\"d\n\nFrameTrace\x12\x14\n\x0c\x66rame_number\x18\x01 \x01(\x03\x12\x12\n\nrequest_id\x18\x02 \x01(\t\x12,\n\tprocesses\x18\x03 \x03(\x0b\x32\x19.isoscope.v1.ProcessTrace\"\x9a\x01\n\x0cProcessTrace\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\'\n\x06tracks\x18\x02 \x03(\x0b\x32\x17.isoscope.v1.TraceTrack\x12\x1a\n\x12\x64ropped_span_count\x18\x03 \x01(\x03\x12\x37\n\x14\x63lock_error_duration\x18\x04 \x01(\x0b\x32\x19.google.protobuf.Duration\"A\n\nTraceTrack\x12\x0c\n\x04name\x18\x01 \x01(\t\x12%\n\x05spans\x18\x02 \x03(\x0b\x32\x16.isoscope.v1.TraceSpan\"~\n\tTraceSpan\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x31\n\x0estart_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\rspan_duration\x18\x03 \x01(\x0b\x32\x19.google.protobuf.DurationB\'\n\x0bisoscope.v1P\x01Z\x16isoscope/v1;isoscopev1b\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.trace_pb2', globals())
 if _descriptor._USE_C_DESCRIPTORS == False:
 
   DESCRIPTOR._options = None
+  DESCRIPTOR._serialized_options = b'\n\013isoscope.v1P\001Z\026isoscope/v1;isoscopev1'
   _FRAMETRACE._serialized_start=72
   _FRAMETRACE._serialized_end=172
   _PROCESSTRACE._serialized_start=175
