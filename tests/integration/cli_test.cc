@@ -512,7 +512,7 @@ TEST_F(CliTest, InfoReadsALargeVolumesValuesOnlyIfItIsAsked) {
 
 TEST_F(CliTest, RenderWithoutALevelNamesTheCommandThatSuggestsOne) {
   const testing::CommandResult result =
-      testing::RunIsoscope({"render", Path("absent"), "-o", Path("o.png")}, {});
+      testing::RunIsoscope({"render", gyroid_, "-o", Path("o.png")}, {});
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_THAT(result.err, HasSubstr("isoscope info INPUT --histogram"));
 }

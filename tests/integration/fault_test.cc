@@ -151,7 +151,7 @@ TEST_F(HeldFrameTest, ClientThatGoesAwayStopsTheFrameOnEveryAgent) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto client,
       testing::StartIsoscope({"render", "--server", coordinator_.address, "--isovalue", "128",
-                              "--output", directory_->Sub("never.png")}));
+                              "--view", "front", "--output", directory_->Sub("never.png")}));
   ASSERT_NO_FATAL_FAILURE(WaitUntilHeld());
   agent_.process->Signal(SIGUSR1);  // agents log cancelled frames as debug lines
   ISOSCOPE_ASSERT_OK(agent_.process->WaitForErrLine("log_level"));
@@ -167,9 +167,10 @@ TEST_F(HeldFrameTest, ClientThatGoesAwayStopsTheFrameOnEveryAgent) {
 TEST_F(HeldFrameTest, InterruptedClientStopsTheFrameAndLeavesNoPicture) {
   ASSERT_NO_FATAL_FAILURE(Start("visible_blocks"));
   const std::string output = directory_->Sub("interrupted.png");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto client,
-                                testing::StartIsoscope({"render", "--server", coordinator_.address,
-                                                        "--isovalue", "128", "--output", output}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto client,
+      testing::StartIsoscope({"render", "--server", coordinator_.address, "--isovalue", "128",
+                              "--view", "front", "--output", output}));
   ASSERT_NO_FATAL_FAILURE(WaitUntilHeld());
   client->Signal(SIGINT);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, client->Wait(kPatience));

@@ -271,7 +271,8 @@ TEST_F(PictureTest, SweepIsTheSinglePicturesNumberedOrAsAnAnimation) {
 TEST_F(PictureTest, TurntableIsOneAnimationOfEitherFormat) {
   const std::vector<std::string> view =
       Join(Cpu("one"), {"--width", "90", "--height", "70", "--isovalue", "128"});
-  const std::vector<std::string> turn = Join(view, {"--repeat", "4", "--orbit", "30"});
+  const std::vector<std::string> turn =
+      Join(view, {"--view", "front", "--repeat", "4", "--orbit", "30"});
   MustRender("t.apng", turn);
   const std::string webp = MustRender("t.webp", turn);
   EXPECT_TRUE(absl::StartsWith(webp, "RIFF") && absl::StrContains(webp, "ANIM"));
