@@ -65,7 +65,7 @@ std::string TagOf(const FlagDescription& flag) {
   std::vector<std::string> names(flag.names.rbegin(), flag.names.rend());  // short ones first
   const std::string value = ValueOf(flag);
   std::string tag = absl::StrJoin(names, ", ");
-  if (flag.has_optional_value && !names.empty()) {
+  if (flag.has_optional_value && !names.empty() && !value.empty()) {
     absl::string_view inner = value;
     if (absl::ConsumePrefix(&inner, "[") && !absl::ConsumeSuffix(&inner, "]")) {
       inner = value;

@@ -48,6 +48,9 @@ BandJoiner::BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows)
 void BandJoiner::AddPicture(const view::Region& band, const image::FrameImage& image) {
   ISOSCOPE_CHECK_EQ(image.width, band.width_px);
   ISOSCOPE_CHECK_EQ(image.height, band.height_px);
+  if (spec_.output.image_format == frame::ImageFormat::kNone) {
+    return;
+  }
   const bool is_raw = spec_.output.image_format == frame::ImageFormat::kRgba8;
   const bool shows_background = is_raw || rows_.has_value();
   if (rows_.has_value()) {

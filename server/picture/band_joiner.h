@@ -27,12 +27,12 @@ namespace isoscope::server {
 class BandJoiner {
  public:
   // spec:               of the whole; outlives the joiner
-  // is_encoded_by_rows: a PNG over an opaque background is encoded as soon as bands are there,
-  // which
+  // is_encoded_by_rows: a PNG over an opaque background is encoded as soon as bands are there, which
   //                     keeps its encoded bytes in place of its pixels; ignored for other pictures
   BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows);
 
-  // Adds the picture of a band, given in pixels of the whole. REQUIRES: the image has its size.
+  // Adds the picture of a band, given in pixels of the whole, unless none is wanted. REQUIRES: the
+  // image has its size.
   void AddPicture(const view::Region& band, const image::FrameImage& image);
   // Adds the planes of a band, without its picture.
   void AddPlanes(const view::Region& band, const FrameOutput& planes);

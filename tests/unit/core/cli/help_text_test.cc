@@ -27,7 +27,10 @@ CommandDescription Draw() {
       .summary = "Draws a picture of what there is",
       .usage = "INPUT [OPTIONS]",
       .examples = "  tool draw a.nrrd --output a.png\n",
-      .flags = {{.names = {"--help", "-h"}, .help = "this text", .group = "Options"},
+      .flags = {{.names = {"--help", "-h"},
+                 .has_optional_value = true,  // as of any switch
+                 .help = "this text",
+                 .group = "Options"},
                 {.names = {"--light"},
                  .value_name = "X,Y,Z",
                  .is_repeatable = true,
