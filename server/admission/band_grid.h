@@ -35,8 +35,7 @@ class BandGrid {
   int rows_ = 1;
 };
 
-// No band need be smaller than this, in pixels a side. Those that are made of about the same size
-// may have half of it, and the last ones of a row or column less.
+// No band need be smaller than this, in pixels a side.
 inline constexpr int kMinBandSidePx = 64;
 
 // Returns the size of the smallest band of a picture.
