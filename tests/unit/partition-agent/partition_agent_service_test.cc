@@ -782,7 +782,8 @@ TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
 // Symptom: an agent cast all rays of a band before it said that it had no memory for it.
 TEST_F(PartitionAgentServiceTest, AFrameAboveTheLimitIsTooLargeBeforeItsRaysAreCast) {
   v1::RenderFrameRequest large = Begin();
-  v1::Viewport* const viewport = large.mutable_begin()->mutable_frame()->mutable_viewport();
+  isoscope::v1::Viewport* const viewport =
+      large.mutable_begin()->mutable_frame()->mutable_viewport();
   viewport->set_width_px(16384);
   viewport->set_height_px(16384);
   FrameCall call(stub_.get());
