@@ -89,6 +89,7 @@ absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
                             wire::BlockListFromProto(begin.counted_layer_blocks(), block_count_,
                                                      "begin.counted_layer_blocks"));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
+  ISOSCOPE_RETURN_IF_ERROR(CheckRoom());
   Shards volumes = shards;
   for (const Shards& surface_shards : color_shards) {
     volumes.insert(volumes.end(), surface_shards.begin(), surface_shards.end());
@@ -197,6 +198,15 @@ view::Viewport FrameAnswerer::DrawnViewport() const {
 
 int FrameAnswerer::DrawnLayers() const {
   return frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0;
+}
+
+// RESOURCE_EXHAUSTED if no step of the frame can ever fit the limit. The coordinator then asks for
+// bands, and no rays are cast in vain.
+absl::Status FrameAnswerer::CheckRoom() {
+  if (agent_.options.memory->RoomFor(DrawnViewport(), DrawnLayers()) > 0) {
+    return absl::OkStatus();
+  }
+  return ReserveMemory().status();
 }
 
 // Reserves the memory of one step: its image, and its bands until they are queued.

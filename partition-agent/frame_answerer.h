@@ -66,6 +66,7 @@ class FrameAnswerer {
   void EnterOneThread(std::optional<base::OneThreadScope>* scope) const;
   [[nodiscard]] view::Viewport DrawnViewport() const;
   [[nodiscard]] int DrawnLayers() const;
+  absl::Status CheckRoom();
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory();
   absl::StatusOr<Response> Draw(base::DurationHistogram* duration,
                                 absl::FunctionRef<absl::StatusOr<image::FrameImage>()> draw);

@@ -14,11 +14,11 @@
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
-#include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "partition-agent/agent_streams.h"
+#include "partition-agent/frame/step_memory.h"
 #include "partition-agent/frame_answerer.h"
 #include "partition-agent/frame_stream_state.h"
 #include "partition-agent/frame_trace.h"
@@ -148,8 +148,7 @@ class RenderFrameCall final : public FrameReactor {
             recorder->AddTo("queue", "queue", trace_scheduled, base::TraceClock::now());
           }
           // Begin and Encode may throw, and so may protobuf; `message` is only destroyed.
-          const absl::Status status =
-              base::OrNoMemory("a step of the frame", [&] { return call->RunSteps(message); });
+          const absl::Status status = OrNoMemoryForStep([&] { return call->RunSteps(message); });
           if (!status.ok()) {
             call->Fail(status);
           }

@@ -31,7 +31,6 @@
 #include <oneapi/tbb/task_group.h>
 
 #include "core/base/check.h"
-#include "core/base/no_memory.h"
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
@@ -39,6 +38,7 @@
 #include "core/visibility/open_pixels.h"
 #include "partition-agent/frame/cap_drawing.h"
 #include "partition-agent/frame/occluder_rays.h"
+#include "partition-agent/frame/step_memory.h"
 
 namespace isoscope::agent {
 namespace {
@@ -146,7 +146,7 @@ FramePipeline::FramePipeline(Shards shards, ColorVolumes colors, const FrameTask
 template <typename Work>
 std::invoke_result_t<Work> FramePipeline::RunStep(const char* name, Step step, Step next,
                                                   const Work& work) {
-  return base::OrNoMemory("a step of the frame", [&] {
+  return OrNoMemoryForStep([&] {
     const base::TraceScope trace(resources_.trace, name);
     const base::ScopedTimer timer(&statistics_.busy_duration);
     ISOSCOPE_CHECK(next_step_ == step);

@@ -1,5 +1,6 @@
 // BestBands tries 1, 2, 3 ... columns, until more can't be cheaper. For each it finds the greatest
-// height that fits, and makes all rows about as high. A band costs the pixels that are drawn for
+// height that fits, and makes all rows about as high. So a band may have half of kMinBandSidePx a
+// side, and less at the right and at the bottom. A band costs the pixels that are drawn for
 // it, and something for its rays, its messages, and blocks that lie in its neighbours, too.
 
 #include "server/admission/band_grid.h"

@@ -11,6 +11,10 @@
 // because the end of one band overlaps with the begin of the next: allocators return memory late.
 // The same 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
 //
+// ReserveFrame does not know the dataset yet, and takes 1 MiB for the sets of drawn blocks. Those of
+// a larger dataset make the bands smaller, so that both stay within what was taken. Only a frame
+// that already takes the least bands may exceed it, by these sets.
+//
 // A frame that neither way fits is refused. The limit that the refusal names is the least with
 // which the smallest band fits.
 
@@ -89,6 +93,15 @@ std::size_t DrawnPixelsOf(const frame::FrameSpec& spec) {
 
 bool MayBand(const frame::FrameSpec& spec, const FrameWish& wish) {
   return wish.may_band && spec.culling != frame::Culling::kMask;
+}
+
+// The bytes that a frame takes before its dataset is known, without those of its trace.
+absl::StatusOr<std::size_t> BytesToReserve(const CoordinatorMemory& memory,
+                                           const frame::FrameSpec& spec, const FrameWish& wish) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const BandGrid bands, memory.PlanFrame(spec, wish, {}));
+  return bands.count() == 1
+             ? FrameBytes(spec, wish.delivery)
+             : BandedBytesOf(spec, bands.band(), wish.delivery).most() + kCountingBytes;
 }
 
 double Mebibytes(std::size_t bytes) {
@@ -178,9 +191,20 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
   }
   if (MayBand(spec, wish)) {
     const std::size_t bytes = BytesForBands(spec, limit_bytes_, wish, needs);
-    const std::optional<BandGrid> bands = BestBands(spec, [&](const view::Viewport& band) {
+    const auto fits_share = [&](const view::Viewport& band) {
       return FitsInBands(spec, band, limit_bytes_, bytes, wish.delivery, needs.max_drawn_pixels);
-    });
+    };
+    std::optional<BandGrid> bands = BestBands(spec, fits_share);
+    if (bands.has_value() && needs.counting_bytes > kCountingBytes) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, spec, wish));
+      const auto fits_taken = [&](const view::Viewport& band) {
+        return fits_share(band) &&
+               BandedBytesOf(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
+      };
+      if (const std::optional<BandGrid> within = BestBands(spec, fits_taken); within.has_value()) {
+        bands = within;
+      }
+    }
     if (bands.has_value()) {
       return *bands;
     }
@@ -234,10 +258,7 @@ absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec,
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
     const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const BandGrid bands, PlanFrame(spec, wish, {}));
-  const std::size_t bytes =
-      bands.count() == 1 ? FrameBytes(spec, wish.delivery)
-                         : BandedBytesOf(spec, bands.band(), wish.delivery).most() + kCountingBytes;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t bytes, BytesToReserve(*this, spec, wish));
   return frames_.Reserve(bytes + TraceBytesOf(limit_bytes_, wish), cancellation);
 }
 

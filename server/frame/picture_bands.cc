@@ -4,11 +4,13 @@
 //    of its own process. Agents elsewhere say that a band is too large; then all begins again with
 //    bands of half the pixels. These are at most some twenty tries, of which all but the last draw
 //    little. If the last one is drawn, AgentRoom keeps its size for the next frames: a refusal of
-//    any size has another cause.
+//    any size has another cause. Agents that lack files, or memory beyond their limit, are busy: no
+//    size helps (MayWorkSmaller).
 // 2. RenderAllBands draws one band after another, each as a region of the picture.
 // 3. RenderBands begins again, with the parts that are left, if a part is lost in between
 //    (allow_partial).
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -40,6 +42,12 @@ int DrawnLayersOf(const frame::FrameSpec& spec) {
 bool DrawnByOpenGl(const FrameTarget& target, const frame::FrameSpec& spec) {
   return frame::DrawnBy(spec, target.dataset->picture_revision.back_end) == frame::BackEnd::kEgl;
 }
+
+// The most bands that a trace has details of, and the least spans of an agent for each of their
+// drawings. A picture may have thousands, and some memory is taken by each, however few spans it
+// has.
+constexpr int kMaxDetailedBands = 64;
+constexpr std::size_t kMinSpansOfDrawing = 64;
 
 // An error for which bands of fewer pixels are no help.
 absl::Status NamedForOpenGl(const absl::Status& error) {
@@ -165,26 +173,42 @@ absl::Status PictureJob::RenderBands(const FrameTarget& target, const BandGrid& 
   }
 }
 
+int PictureJob::DetailedBandCount(int band_count) const {
+  if (trace_ == nullptr) {
+    return 0;
+  }
+  // As FrameRunner::Run shares the spans: three quarters are for the agents.
+  const std::size_t spans_of_part =
+      runner_.state().memory.max_trace_spans() / 4 * 3 / parts_.size();
+  const std::size_t fitting = std::clamp<std::size_t>(spans_of_part / (2 * kMinSpansOfDrawing), 1,
+                                                      std::size_t{kMaxDetailedBands});
+  return std::min(band_count, static_cast<int>(fitting));
+}
+
 // Returns early if parts are lost.
 absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGrid& bands,
                                         absl::FunctionRef<void()> on_drawn, BandJoiner* joiner) {
   const std::size_t part_count = parts_.size();
   const frame::FrameSpec& whole = asked_.spec;
-  band_pixel_count_ =
-      static_cast<std::int64_t>(DrawnPixelsOf(BandInTheMiddle(whole, bands.band())));
+  band_ = bands.band();
   DrawnBlocks drawn(target.layout.block_count());
   FrameCost cost;
+  const int detailed_count = DetailedBandCount(bands.count());
   for (int i = 0; i < bands.count(); ++i) {
+    has_details_ = i < detailed_count;
+    const base::TraceScope trace(trace_ == nullptr || has_details_ ? nullptr : &trace_->recorder,
+                                 "band");
     const frame::FrameSpec spec = SpecOfBand(whole, bands.At(i));
     FrameTarget of_band = target;
     ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, view::View::Make(*spec.camera, spec.viewport,
                                                              target.view.geometry(), spec.region));
-    const Piece piece{.spec = spec,
-                      .target = of_band,
-                      .band = bands.At(i),
-                      .context = {.drawn = &drawn, .drawing_count = 2 * bands.count()},
-                      .drawn = &drawn,
-                      .joiner = joiner};
+    const Piece piece{
+        .spec = spec,
+        .target = of_band,
+        .band = bands.At(i),
+        .context = {.drawn = &drawn, .drawing_count = 2 * std::max(detailed_count, 1)},
+        .drawn = &drawn,
+        .joiner = joiner};
     const bool is_last = i + 1 == bands.count();
     ISOSCOPE_RETURN_IF_ERROR(RenderBand(piece, [&] {
       if (is_last) {
@@ -201,6 +225,7 @@ absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGri
       AddBand(cost_, /*has_surface=*/whole.culling != frame::Culling::kNone, &cost);
     }
   }
+  has_details_ = true;
   cost_ = std::move(cost);
   drawn.SetCounts(parts_, &cost_);
   cost_.band_count = bands.count();

@@ -133,7 +133,7 @@ PictureJob::PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket,
 
 FrameIdentity PictureJob::Identity() {
   FrameIdentity identity = ticket_->Identity();
-  if (trace_ != nullptr) {
+  if (trace_ != nullptr && has_details_) {
     identity.trace = &trace_->recorder;
     identity.trace_zero = trace_->zero;
     identity.agent_traces = &trace_->of_agents;
@@ -211,11 +211,6 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   if (!asked_.with_notes || !cost_.missing_shards.empty()) {
     return absl::OkStatus();
   }
-  // The search draws the region, or a small picture; there is memory for a band.
-  if (cost_.band_count > 1 && (asked_.spec.region.has_value() ||
-                               band_pixel_count_ < std::int64_t{kMaxNoteSidePx} * kMaxNoteSidePx)) {
-    return absl::OkStatus();
-  }
   ReleaseImages();
   const base::TraceScope trace(recorder(), "notes");
   const FrameIdentity identity = Identity();
@@ -224,6 +219,7 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
                                                                 .spec = &asked_.spec,
                                                                 .target = &target,
                                                                 .parts = &parts_,
+                                                                .band = band_,
                                                                 .shown = contents_.shown});
   if (!notes.ok()) {
     base::LogWarning("notes_failed",
@@ -240,7 +236,8 @@ void PictureJob::StartAgain(FrameOutput* output) {
   *output = FrameOutput();
   cost_ = FrameCost();
   contents_ = {};
-  band_pixel_count_ = 0;
+  band_ = frame::ImageSizeOf(asked_.spec);
+  has_details_ = true;
   if (trace_ != nullptr) {
     trace_->of_agents.clear();
   }

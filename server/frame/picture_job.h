@@ -21,12 +21,12 @@
 //
 // A trace (with_trace) has the times of all these steps. The coordinator's own times come from a
 // recorder that the job passes down, the agents' from their streams. The call's begin is time zero.
+// Of many bands only the first ones have details.
 
 #ifndef ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
 #define ISOSCOPE_SERVER_FRAME_PICTURE_JOB_H_
 
 #include <cstddef>
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -114,6 +114,8 @@ class PictureJob {
                            absl::FunctionRef<void()> on_drawn, FrameOutput* output);
   absl::Status RenderAllBands(const FrameTarget& target, const BandGrid& bands,
                               absl::FunctionRef<void()> on_drawn, BandJoiner* joiner);
+  // Returns how many bands the trace has details of; 0: none is asked for.
+  [[nodiscard]] int DetailedBandCount(int band_count) const;
   absl::Status RenderBand(const Piece& piece, absl::FunctionRef<void()> on_drawn);
   // Both set cost_ to the cost of the piece.
   absl::Status RenderPicture(const Piece& piece, absl::FunctionRef<void()> on_drawn,
@@ -136,7 +138,7 @@ class PictureJob {
   void AddTrace(base::TraceTime begin, Response* response);
   void ReleaseImages();
   [[nodiscard]] base::TraceRecorder* recorder() const {
-    return trace_ == nullptr ? nullptr : &trace_->recorder;
+    return trace_ == nullptr || !has_details_ ? nullptr : &trace_->recorder;
   }
 
   FrameRunner& runner_;
@@ -153,7 +155,8 @@ class PictureJob {
   image::FrameImage drawn_;   // if it differs from image_
   image::LayerStack layers_;  // layers of the drawn image
   picture::PictureContents contents_;
-  std::int64_t band_pixel_count_ = 0;  // drawn pixels of the largest band; 0: drawn at once
+  view::Viewport band_;      // of the picture, at most; all of it if it is drawn at once
+  bool has_details_ = true;  // of what is drawn, in the trace
 };
 
 }  // namespace isoscope::server

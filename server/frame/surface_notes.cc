@@ -9,7 +9,9 @@
 // 4. The clip region cuts it away, or it lies outside of the picture. With the default camera,
 //    which sees the whole volume, the same as in 2 tells these apart.
 //
-// Each drawing is small, and step 2 ends the search in most pictures.
+// Each drawing is small, and step 2 ends the search in most pictures. A picture that was drawn in
+// bands has memory for no more: then drawings have bands of this size, too, and show what any band
+// shows. So the notes are the same for any memory limit.
 
 #include "server/frame/surface_notes.h"
 
@@ -27,6 +29,7 @@
 #include "core/base/task_arena.h"
 #include "core/picture/picture_contents.h"
 #include "core/view/camera.h"
+#include "server/admission/band_grid.h"
 #include "server/frame/known_samples.h"
 #include "server/frame/render_statistics.h"
 #include "wire/proto_convert.h"
@@ -180,8 +183,7 @@ class NoteSearch {
       if (drawing == kMaxDrawings) {
         return surfaces;
       }
-      ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result, Draw(surfaces & ~seen, how));
-      const SurfaceSet now = ShownIn(surfaces & ~seen, result);
+      ISOSCOPE_ASSIGN_OR_RETURN(const SurfaceSet now, FindShown(surfaces & ~seen, how));
       if (now.none()) {
         break;
       }
@@ -190,15 +192,15 @@ class NoteSearch {
     return seen;
   }
 
-  // Step 3.
+  // Step 3. Without culling all blocks are drawn for any band of the drawing.
   absl::StatusOr<SurfaceSet> FindWithoutCells(const SurfaceSet& surfaces) {
     SurfaceSet without;
     if (surfaces.none()) {
       return without;
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const FrameResult result,
-        Draw(surfaces, {.sees_all = true, .is_clipped = false, .culling = frame::Culling::kNone}));
+    const frame::FrameSpec spec =
+        SpecOf(surfaces, {.sees_all = true, .is_clipped = false, .culling = frame::Culling::kNone});
+    ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result, Draw(spec, BandsOf(spec), 0));
     const FrameCost cost = CostOf(result);
     std::size_t drawn = 0;
     for (std::size_t i = 0; i < spec_.surfaces.size(); ++i) {
@@ -207,6 +209,18 @@ class NoteSearch {
       }
     }
     return without;
+  }
+
+  // Returns those of `surfaces` that show in a drawing of them.
+  absl::StatusOr<SurfaceSet> FindShown(const SurfaceSet& surfaces, const Drawing& how) {
+    const frame::FrameSpec spec = SpecOf(surfaces, how);
+    const BandGrid bands = BandsOf(spec);
+    SurfaceSet shown;
+    for (int i = 0; i < bands.count() && shown != surfaces; ++i) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result, Draw(spec, bands, i));
+      shown |= ShownIn(surfaces, result);
+    }
+    return shown;
   }
 
   SurfaceSet ShownIn(const SurfaceSet& surfaces, const FrameResult& result) {
@@ -228,10 +242,9 @@ class NoteSearch {
     return by_index;
   }
 
-  // Draws some surfaces, opaque and without a quantity.
-  absl::StatusOr<FrameResult> Draw(const SurfaceSet& surfaces, const Drawing& how) {
-    AskedFrame plain;
-    frame::FrameSpec& spec = plain.spec;
+  // The frame of some surfaces, opaque and without a quantity.
+  [[nodiscard]] frame::FrameSpec SpecOf(const SurfaceSet& surfaces, const Drawing& how) const {
+    frame::FrameSpec spec;
     for (std::size_t i = 0; i < spec_.surfaces.size(); ++i) {
       if (surfaces.test(i)) {
         spec.surfaces.push_back({.rule = spec_.surfaces[i].rule});
@@ -244,19 +257,31 @@ class NoteSearch {
       spec.region = spec_.region;
     }
     spec.culling = how.culling;
-    const volume::GridGeometry& geometry = frame_.target->view.geometry();
-    spec.camera = how.sees_all ? view::MakeDefaultCamera(geometry.Bounds()) : spec_.camera;
+    spec.camera = how.sees_all ? view::MakeDefaultCamera(frame_.target->view.geometry().Bounds())
+                               : spec_.camera;
     if (how.is_clipped) {
       spec.clip = spec_.clip;
     }
+    return spec;
+  }
+
+  [[nodiscard]] BandGrid BandsOf(const frame::FrameSpec& spec) const {
+    return {frame::ImageSizeOf(spec), frame_.band};
+  }
+
+  absl::StatusOr<FrameResult> Draw(const frame::FrameSpec& spec, const BandGrid& bands,
+                                   int band_index) {
+    AskedFrame plain;
+    plain.spec = bands.count() == 1 ? spec : SpecOfBand(spec, bands.At(band_index));
     FrameTarget target = *frame_.target;
     target.selected.color_dataset_ids.clear();
     target.order.ties =
         frame::TieRuleOf(frame::DrawnBy(spec, frame_.target->dataset->picture_revision.back_end));
-    ISOSCOPE_ASSIGN_OR_RETURN(target.view,
-                              view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        target.view, view::View::Make(*spec.camera, spec.viewport, frame_.target->view.geometry(),
+                                      plain.spec.region));
     std::vector<FramePart> parts = *frame_.parts;
-    drawn_spec_ = spec;
+    drawn_spec_ = plain.spec;
     drawn_order_ = target.order;
     return frame_.runner->Run(identity_, plain, target, &parts);
   }

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/frame/frame_spec.h"
+#include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/frame_part.h"
 #include "server/frame/frame_runner.h"
@@ -25,6 +26,7 @@ struct NotedFrame {
   const frame::FrameSpec* spec = nullptr;  // with the camera that was used
   const FrameTarget* target = nullptr;
   const std::vector<FramePart>* parts = nullptr;  // of all shards
+  view::Viewport band;                            // the most that is drawn at a time
   std::bitset<frame::kMaxSurfaces> shown;         // picture::PictureContents
 };
 

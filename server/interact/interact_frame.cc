@@ -13,6 +13,22 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
+// The sizes that are tried for a moving frame that would be drawn in bands. The least is that of
+// the largest picture, with layers, and the least memory limit.
+constexpr double kSmallerBy = 0.75;
+constexpr double kLeastScale = 1.0 / 64;
+
+frame::FrameSpec Scaled(frame::FrameSpec spec, double scale) {
+  if (scale < 1) {
+    const auto scaled = [&](int px) {
+      return std::max(1, static_cast<int>(std::lround(px * scale)));
+    };
+    spec.viewport = {scaled(spec.viewport.width_px), scaled(spec.viewport.height_px)};
+    spec.effects = spec.effects.Scaled(scale);
+  }
+  return spec;
+}
+
 // INVALID_ARGUMENT if a state asks for an output that no stream has.
 absl::Status CheckOutput(const v1::ViewState& state) {
   const v1::OutputOptions& output = state.frame().output();
@@ -57,20 +73,27 @@ absl::StatusOr<wire::AskedFrame> ExactFrameOf(const v1::ViewState& state) {
 
 absl::StatusOr<wire::AskedFrame> MovingFrameOf(const v1::ViewState& state,
                                                const MovingQuality& quality) {
+  return MovingFrameOf(state, quality, [](const frame::FrameSpec&) { return true; });
+}
+
+absl::StatusOr<wire::AskedFrame> MovingFrameOf(
+    const v1::ViewState& state, const MovingQuality& quality,
+    absl::FunctionRef<bool(const frame::FrameSpec& spec)> is_drawn_at_once) {
   ISOSCOPE_RETURN_IF_ERROR(CheckOutput(state));
   v1::RenderIsosurfaceRequest request = state.frame();
   request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_JPEG);
   request.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
   ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame moving, ConvertFrame(request));
   moving.with_notes = false;
-  frame::FrameSpec& spec = moving.spec;
-  spec.effects.samples_per_side = 1;
-  if (quality.scale < 1 && !spec.region.has_value()) {
-    const auto scaled = [&](int px) {
-      return std::max(1, static_cast<int>(std::lround(px * quality.scale)));
-    };
-    spec.viewport = {scaled(spec.viewport.width_px), scaled(spec.viewport.height_px)};
-    spec.effects = spec.effects.Scaled(quality.scale);
+  moving.spec.effects.samples_per_side = 1;
+  if (moving.spec.region.has_value()) {
+    return moving;
+  }
+  const frame::FrameSpec whole = moving.spec;
+  moving.spec = Scaled(whole, quality.scale);
+  for (double scale = quality.scale * kSmallerBy;
+       scale >= kLeastScale && !is_drawn_at_once(moving.spec); scale *= kSmallerBy) {
+    moving.spec = Scaled(whole, scale);
   }
   return moving;
 }

@@ -3,8 +3,10 @@
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_FRAME_H_
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_FRAME_H_
 
+#include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
 
+#include "core/frame/frame_spec.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "server/interact/rate_control.h"
 #include "wire/frame_convert.h"
@@ -20,6 +22,13 @@ absl::StatusOr<wire::AskedFrame> ExactFrameOf(const isoscope::v1::ViewState& sta
 // fall between pixels. Errors as ExactFrameOf; also where a JPEG has none of what is asked for.
 absl::StatusOr<wire::AskedFrame> MovingFrameOf(const isoscope::v1::ViewState& state,
                                                const MovingQuality& quality);
+// The same, made smaller until it is drawn at once: bands would take longer than moving views have.
+// A frame of a region keeps its size.
+//
+// is_drawn_at_once: whether a frame is; if so, each smaller one is, too
+absl::StatusOr<wire::AskedFrame> MovingFrameOf(
+    const isoscope::v1::ViewState& state, const MovingQuality& quality,
+    absl::FunctionRef<bool(const frame::FrameSpec& spec)> is_drawn_at_once);
 
 }  // namespace isoscope::server
 

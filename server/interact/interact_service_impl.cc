@@ -18,6 +18,7 @@
 
 #include "server/interact/interact_service_impl.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -32,6 +33,7 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/frame/drawn_window.h"
 #include "rpc/grpc_time.h"
 #include "server/call/public_call.h"
 #include "server/frame/frame_ticket.h"
@@ -259,11 +261,36 @@ class InteractServiceImpl::InteractCall final
     }
   }
 
+  // Agents elsewhere are known by the last frame.
+  absl::StatusOr<AskedFrame> MovingFrameAtOnce(const v1::ViewState& state,
+                                               const MovingQuality& quality) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const std::string& dataset_id = audited_.dataset.id.text();
+    return MovingFrameOf(state, quality, [this, &dataset_id](const frame::FrameSpec& spec) {
+      return IsDrawnAtOnce(dataset_id, spec);
+    });
+  }
+
+  [[nodiscard]] bool IsDrawnAtOnce(const std::string& dataset_id,
+                                   const frame::FrameSpec& spec) const {
+    const std::size_t room = options_.runner->agent_room().MostPixels(
+        dataset_id, frame::HasLayers(spec) ? spec.max_layers : 0);
+    const view::Viewport drawn = frame::DrawnWindowOf(spec).image_size();
+    if (room > 0 &&
+        static_cast<std::size_t>(drawn.width_px) * static_cast<std::size_t>(drawn.height_px) >
+            room) {
+      return false;
+    }
+    const absl::StatusOr<BandGrid> bands =
+        options_.state->memory.PlanFrame(spec, {.may_band = true}, {});
+    return bands.ok() && bands->count() == 1;
+  }
+
   void Begin(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const MovingQuality quality = rate_.quality();
     const v1::ViewState& state = state_;
     absl::StatusOr<AskedFrame> asked =
-        start.is_exact ? ExactFrameOf(state) : MovingFrameOf(state, quality);
+        start.is_exact ? ExactFrameOf(state) : MovingFrameAtOnce(state, quality);
     auto ticket =
         std::make_shared<FrameTicket>(options_.state, call_.origin(),
                                       FrameClaim{.dataset = state.frame().dataset(),

@@ -292,6 +292,44 @@ TEST_F(BandsTest, LittleMemoryGivesTheBytesOfAmpleMemoryForAnyAgents) {
   }
 }
 
+// Symptom: regions that were drawn in bands had none.
+TEST_F(BandsTest, NotesOnSurfacesAreThoseOfAmpleMemory) {
+  v1::RenderIsosurfaceRequest seen = RequestOf(480, 360);
+  seen.set_samples(16);
+  seen.set_with_notes(true);
+  AddSurface(128, 1, &seen);
+  AddSurface(1000, 1, &seen);  // of no sample
+  v1::RenderIsosurfaceRequest outside = seen;
+  outside.mutable_camera()->mutable_target()->set_x(900);
+  v1::RenderIsosurfaceRequest clipped = seen;
+  clipped.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  clipped.mutable_clip()->mutable_half_spaces(0)->set_offset(900);
+  std::vector<v1::RenderIsosurfaceRequest> requests = {seen, outside, clipped};
+  for (v1::RenderIsosurfaceRequest region : {seen, outside, clipped}) {
+    region.mutable_region()->set_x(20);
+    region.mutable_region()->set_y(10);
+    region.mutable_region()->set_width_px(440);
+    region.mutable_region()->set_height_px(340);
+    requests.push_back(region);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<Cluster> ample, Start(2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<Cluster> little, Start(2, LittleMemory()));
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    SCOPED_TRACE(i);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse whole,
+                                  Render(*ample, requests[i]));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse banded,
+                                  Render(*little, requests[i]));
+    EXPECT_EQ(whole.statistics().band_count(), 1);
+    EXPECT_GT(banded.statistics().band_count(), 1);
+    ASSERT_EQ(whole.notes_size(), i % 3 == 0 ? 1 : 2);
+    ASSERT_EQ(banded.notes_size(), whole.notes_size());
+    for (int k = 0; k < whole.notes_size(); ++k) {
+      EXPECT_EQ(banded.notes(k).SerializeAsString(), whole.notes(k).SerializeAsString());
+    }
+  }
+}
+
 // The coordinator learns the limit of agents elsewhere from their refusals.
 TEST_F(BandsTest, AgentsWithoutMemoryForTheWholeGetBandsAndAreInNoTrouble) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<Cluster> ample, Start(2));

@@ -779,6 +779,23 @@ TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
   AwaitRoomForAFrame();
 }
 
+// Symptom: an agent cast all rays of a band before it said that it had no memory for it.
+TEST_F(PartitionAgentServiceTest, AFrameAboveTheLimitIsTooLargeBeforeItsRaysAreCast) {
+  v1::RenderFrameRequest large = Begin();
+  isoscope::v1::Viewport* const viewport =
+      large.mutable_begin()->mutable_frame()->mutable_viewport();
+  viewport->set_width_px(16384);
+  viewport->set_height_px(16384);
+  FrameCall call(stub_.get());
+  EXPECT_TRUE(call.Send(large));
+  v1::RenderFrameResponse answer;
+  EXPECT_FALSE(call.Read(&answer)) << answer.ShortDebugString();
+  const absl::Status status = rpc::ToAbslStatus(call.Finish());
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_THAT(status.message(), HasSubstr("16384 x 16384 pixels needs"));
+  EXPECT_EQ(base::ReasonOf(status), base::ErrorReason::kTooLarge);
+}
+
 TEST_F(PartitionAgentServiceTest, ShutdownWithGraceFinishesTheFrameInWork) {
   // gRPC's in-process transport knows no grace: it cuts its calls at once.
   Start(dataset_.directory(), 4, 64, "127.0.0.1:0");

@@ -295,6 +295,68 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusySaysWhenToComeAgain) {
   EXPECT_EQ(base::RetryDelayOf(status), absl::Milliseconds(700));
 }
 
+// Symptom: an agent whose machine was short of memory, or of files, was asked for the same picture
+// in ever smaller bands, some fifteen times.
+TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusyIsNotAskedForSmallerBands) {
+  std::atomic<int> asked{0};
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream*) {
+    ++asked;
+    return rpc::ToGrpcStatus(
+        base::WithRetryDelay(absl::ResourceExhaustedError("no memory for a step of the frame"),
+                             absl::Milliseconds(500)));
+  };
+  Start();
+  EXPECT_THAT(Render(FrameRequest(400, 300)),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("no memory for a step of")));
+  EXPECT_EQ(asked.load(), 1);
+}
+
+// Symptom: the trace of a picture of thousands of bands had thousands of processes, each with
+// memory of its own.
+TEST_F(IsosurfaceServiceTest, ATraceHasTheDetailsOfTheFirstBandsAndASpanForEachOther) {
+  constexpr int kMostPixels = 64 * 64;
+  constexpr int kDetailedBands = 64;
+  const auto play = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    internal::RenderFrameRequest request;
+    internal::RenderFrameResponse response;
+    stream->Read(&request);
+    const bool has_trace = request.begin().with_trace();
+    const isoscope::v1::Region region = request.begin().frame().region();
+    if (!request.begin().frame().has_region() ||
+        region.width_px() * region.height_px() > kMostPixels) {
+      return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "raise --memory-limit to 99MiB");
+    }
+    response.mutable_ray_hits();
+    stream->Write(response);
+    stream->Read(&request);
+    response.mutable_occluders_done();
+    stream->Write(response);
+    stream->Read(&request);
+    response.mutable_frame_done();
+    if (has_trace) {
+      response.mutable_frame_done()->mutable_trace()->mutable_spans()->add_tracks()->set_name("w");
+    }
+    stream->Write(response);
+    return grpc::Status::OK;
+  };
+  first_.on_frame = play;
+  second_.on_frame = play;
+  Start();
+  isoscope::v1::RenderIsosurfaceRequest request = FrameRequest(768, 640);
+  request.set_with_trace(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(request));
+  const std::int64_t band_count = response.statistics().band_count();
+  ASSERT_GT(band_count, kDetailedBands);
+  EXPECT_EQ(response.trace().processes_size(), 1 + 2 * kDetailedBands);
+  std::int64_t without_details = 0;
+  for (const isoscope::v1::TraceTrack& track : response.trace().processes(0).tracks()) {
+    for (const isoscope::v1::TraceSpan& span : track.spans()) {
+      without_details += span.name() == "band" ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(without_details, band_count - kDetailedBands);
+}
+
 TEST_F(IsosurfaceServiceTest, AnAgentThatRefusesTheCoordinatorsMessageIsNotTheClientsFault) {
   second_.on_frame = Fail(grpc::StatusCode::INVALID_ARGUMENT, "out of order");
   Start();

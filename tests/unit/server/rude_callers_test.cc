@@ -189,23 +189,25 @@ TEST_F(RudeCallersTest, ATraceCountsAgainstTheMemoryLimit) {
   options_.memory_limit_bytes = std::size_t{96} * 1024 * 1024;
   Start();
   v1::RenderIsosurfaceRequest request = FrameRequest(1200, 1200);
-  EXPECT_THAT(Render(request), IsOk());
-  request.set_with_trace(true);
-  EXPECT_THAT(Render(request), StatusIs(kRefused, HasSubstr("or for no trace")));
-
-  request = FrameRequest();
-  request.set_with_trace(true);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
-  ASSERT_EQ(response.trace().processes_size(), 3);
-  int of_both_agents = 0;
-  for (int i = 1; i < 3; ++i) {
-    const v1::ProcessTrace& of_agent = response.trace().processes(i);
-    const int kept = of_agent.tracks(0).spans_size();
-    EXPECT_GT(kept, 0);
-    EXPECT_EQ(kept + of_agent.dropped_span_count(), kSpanCount);
-    of_both_agents += kept;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse untraced, Render(request));
+  EXPECT_EQ(untraced.statistics().band_count(), 1);
+  for (const bool is_large : {true, false}) {
+    request = is_large ? FrameRequest(1200, 1200) : FrameRequest();
+    request.set_with_trace(true);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
+    const auto band_count = static_cast<int>(response.statistics().band_count());
+    EXPECT_EQ(band_count > 1, is_large) << "the trace takes a part of the memory for pixels";
+    ASSERT_EQ(response.trace().processes_size(), 1 + 2 * band_count);
+    int of_agents = 0;
+    for (int i = 1; i < response.trace().processes_size(); ++i) {
+      const v1::ProcessTrace& of_agent = response.trace().processes(i);
+      const int kept = of_agent.tracks(0).spans_size();
+      EXPECT_GT(kept, 0);
+      EXPECT_EQ(kept + of_agent.dropped_span_count(), kSpanCount);
+      of_agents += kept;
+    }
+    EXPECT_LT(of_agents, 12 * 1024 * 1024 / 320) << "an eighth of the limit, 320 bytes a span";
   }
-  EXPECT_LT(of_both_agents, 12 * 1024 * 1024 / 320) << "an eighth of the limit, 320 bytes a span";
 }
 
 // Symptom: the bytes of image, occlusion map and bands stayed reserved until the client had taken

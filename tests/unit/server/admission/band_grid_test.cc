@@ -60,6 +60,26 @@ TEST(BandGridTest, ABandOfARegionLiesInTheViewport) {
   EXPECT_EQ(BandInTheMiddle(spec, {100, 50}).region, (view::Region{450, 375, 100, 50}));
 }
 
+// The whole has one tie rule and one renderer: bands of another would show.
+TEST(BandGridTest, EachBandIsDrawnByTheBackEndOfTheWhole) {
+  frame::FrameSpec spec = SpecOf(1000, 800);
+  spec.surfaces.resize(2);
+  for (const bool shows_values : {false, true}) {
+    if (shows_values) {
+      spec.surfaces[1].color_by =
+          frame::ColorBy{.quantity = frame::ColorBy::Quantity::kGradientMagnitude};
+    }
+    ASSERT_EQ(frame::ShowsValues(spec), shows_values);
+    const BandGrid grid(frame::ImageSizeOf(spec), {100, 300});
+    for (const frame::BackEnd of_agents : {frame::BackEnd::kCpu, frame::BackEnd::kEgl}) {
+      for (int i = 0; i < grid.count(); ++i) {
+        EXPECT_EQ(frame::DrawnBy(SpecOfBand(spec, grid.At(i)), of_agents),
+                  frame::DrawnBy(spec, of_agents));
+      }
+    }
+  }
+}
+
 TEST(BandGridTest, WholeRowsOfAboutTheSameHeightAreTakenWhereTheyAreNoDearer) {
   const frame::FrameSpec spec = SpecOf(4000, 3001);
   const auto bands =

@@ -272,6 +272,27 @@ TEST(CoordinatorMemoryTest, BandsGetSmallerForAgentsElsewhereAndForSetsOfManyBlo
       CoordinatorMemory(named * kMiB).PlanFrame(large, kInBands, {.counting_bytes = 90 * kMiB}));
 }
 
+// Symptom: the sets of drawn blocks of a dataset of tens of millions were beside the reservation.
+TEST(CoordinatorMemoryTest, SetsOfManyBlocksStayWithinWhatTheFrameHasTaken) {
+  const base::Cancellation never;
+  for (const std::size_t counting : {3 * kMiB, 9 * kMiB}) {
+    for (const view::Viewport& size : {view::Viewport{2000, 1500}, {1300, 2500}}) {
+      for (const std::size_t limit_mib : {std::size_t{128}, std::size_t{160}}) {
+        CoordinatorMemory memory(limit_mib * kMiB);
+        const frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto taken, memory.ReserveFrame(spec, kInBands, never));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            const BandGrid bands, memory.PlanFrame(spec, kInBands, {.counting_bytes = counting}));
+        EXPECT_GT(bands.count(), 1);
+        EXPECT_LE(BandedBytesOf(spec, bands.band(), Delivery::kWhole).most() + counting,
+                  memory.frame_bytes())
+            << size.width_px << " x " << size.height_px << ", " << limit_mib << " MiB, "
+            << counting / kMiB;
+      }
+    }
+  }
+}
+
 // Symptom: a stream of planes that an agent elsewhere had no room for took more than was reserved.
 TEST(CoordinatorMemoryTest, AFrameThatFitsAtOnceIsDrawnInBandsWithinWhatItHasTaken) {
   CoordinatorMemory memory(2048 * kMiB);

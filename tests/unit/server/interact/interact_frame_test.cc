@@ -50,6 +50,33 @@ TEST(InteractFrameTest, ASmallerFrameHasSmallerSidesAndEffects) {
   EXPECT_EQ(moving.spec.effects.silhouette->width_px, 2);
 }
 
+// Symptom: each moving frame of a large screen was drawn in bands, several times as slow.
+TEST(InteractFrameTest, AMovingFrameIsRatherSmallerThanDrawnInBands) {
+  v1::ViewState state = State();
+  state.mutable_frame()->mutable_silhouette()->set_width_px(8);
+  state.mutable_frame()->set_camera_fit(v1::CAMERA_FIT_CELLS);
+  const auto fits = [](const frame::FrameSpec& spec) {
+    return spec.viewport.width_px * spec.viewport.height_px <= 130'000;
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving, MovingFrameOf(state, {}, fits));
+  EXPECT_EQ(moving.spec.viewport, (view::Viewport{422, 211})) << "0.75 times 0.75 is too large";
+  EXPECT_LT(moving.spec.effects.silhouette->width_px, 8);
+  EXPECT_EQ(moving.fit_viewport, (view::Viewport{1001, 500}));
+  // What fits keeps the size that the connection has.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame small,
+                                MovingFrameOf(state, {.scale = 0.5}, fits));
+  EXPECT_EQ(small.spec.viewport, (view::Viewport{501, 250}));
+  // If nothing fits, the frame is drawn in bands, and none is lost.
+  const auto none = [](const frame::FrameSpec&) { return false; };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame least, MovingFrameOf(state, {}, none));
+  EXPECT_LE(least.spec.viewport.width_px, 1001 / 32);
+  EXPECT_GE(least.spec.viewport.width_px, 1001 / 64);
+  state.mutable_frame()->mutable_region()->set_width_px(100);
+  state.mutable_frame()->mutable_region()->set_height_px(100);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame region, MovingFrameOf(state, {}, none));
+  EXPECT_EQ(region.spec.viewport.width_px, 1001);
+}
+
 // Else the view would jump by part of a pixel when it comes to rest.
 TEST(InteractFrameTest, ASmallerFrameFitsTheCameraOfTheWhole) {
   v1::ViewState state = State();
