@@ -16,6 +16,7 @@
 #include "core/base/status_macros.h"
 #include "web-gateway/api/answer_file.h"
 #include "web-gateway/api/picture_extras.h"
+#include "wire/field_selection.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -26,6 +27,18 @@ constexpr char kAdvice[] = "ask for fewer or smaller frames, or use `isoscope re
 
 std::string NameOfFile(client::AnimationFormat format) {
   return absl::StrCat("film.", client::NameOf(format));
+}
+
+// All frames are of one dataset, and "the last step" is one step, whatever is served meanwhile.
+void Pin(const v1::Dataset& dataset, v1::RenderIsosurfaceRequest* request) {
+  request->set_dataset_id(dataset.dataset_id());
+  if (dataset.fields().empty()) {
+    return;
+  }
+  const auto selection = wire::ResolveSelection(request->selection(), dataset);
+  if (selection.ok()) {  // else the coordinator says what there is
+    *request->mutable_selection() = *selection;
+  }
 }
 
 }  // namespace
@@ -66,6 +79,7 @@ absl::StatusOr<std::unique_ptr<FilmAnswer>> FilmAnswer::Begin(client::AnimationF
                                                               std::int64_t max_disk_bytes,
                                                               MeshBudget* budget) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<MeshBudget::Lease> lease, budget->Begin(caller));
+  Pin(dataset, &film.first);
   std::unique_ptr<FilmAnswer> answer(new FilmAnswer(format, std::move(film), std::move(dataset),
                                                     max_disk_bytes, std::move(lease)));
   ISOSCOPE_ASSIGN_OR_RETURN(answer->path_, MakeAnswerPath(NameOfFile(format)));

@@ -400,6 +400,20 @@ TEST_F(FilmTest, AFilmIsOnePictureOfEachFrameInAFile) {
   EXPECT_FALSE(HasFiles());
 }
 
+// Symptom: a step that was appended meanwhile came into a turn of the last step.
+TEST_F(FilmTest, AllFramesAreOfOneDatasetAndOfTheStepThatWasTheLast) {
+  datasets_.step_count = 3;
+  const HttpResponse film = Get(absl::StrCat(kFilm, "&repeat=2&orbit=9&field=velocity"));
+  ASSERT_EQ(film.status, 200) << film.body;
+  RemoveTemporaryFile(film.file_path);
+  ASSERT_EQ(surfaces_.requests.size(), 2U);
+  for (const v1::RenderIsosurfaceRequest& request : surfaces_.requests) {
+    EXPECT_EQ(request.dataset_id(), "0123");
+    EXPECT_EQ(request.selection().time_step(), 2);
+    EXPECT_TRUE(request.selection().has_time_step());
+  }
+}
+
 TEST_F(FilmTest, AClientThatLeavesEndsTheFrameInWorkAndTheFile) {
   surfaces_.endless_picture = 2;
   HttpRequest request;
