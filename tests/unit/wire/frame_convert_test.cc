@@ -458,7 +458,9 @@ class OneChange {
     VisitAll(min, max);
   }
   void Visit(frame::ColorBy& color_by) {
-    auto& [quantity, map, range, opacity_at_min, opacity_at_max, field, component] = color_by;
+    // Agents get numbers: the coordinator resolves `range_source`.
+    auto& [quantity, map, range, opacity_at_min, opacity_at_max, field, component, range_source] =
+        color_by;
     VisitAll(map, range, opacity_at_min, opacity_at_max);
     if (quantity == frame::ColorBy::Quantity::kField) {
       VisitAll(field, component);
@@ -499,7 +501,7 @@ class OneChange {
     VisitAll(half_spaces, box);
   }
   void Visit(frame::ClipCaps& caps) {
-    auto& [map, range] = caps;
+    auto& [map, range, range_source, percentiles] = caps;  // and `percentiles`
     VisitAll(*map, range);
   }
   void Visit(frame::Light& light) {

@@ -153,7 +153,8 @@ TEST(RenderQueryTest, SmoothLabelsAreASwitchWithOrWithoutAValue) {
     EXPECT_FALSE(request->surfaces(0).smooth_labels());
     EXPECT_TRUE(request->surfaces(1).smooth_labels());
     EXPECT_TRUE(request->surfaces(2).smooth_labels());
-    const auto mesh = MeshQueryFromQuery(ParseTarget(absl::StrCat("/?label=liver&", text))->query,
+    const auto mesh = MeshQueryFromQuery(client::MeshFormat::kGlb,
+                                         ParseTarget(absl::StrCat("/?label=liver&", text))->query,
                                          MakeSegmentation());
     ASSERT_THAT(mesh.status(), IsOk()) << text;
     EXPECT_TRUE(mesh->request.surfaces(0).smooth_labels());
