@@ -58,9 +58,9 @@ std::vector<MetricFamily> GatewayMetrics::Collect(const GatewayGauges& gauges) c
                         "Connections without a request that were dropped, to make room for others.",
                         {Value(static_cast<double>(gauges.dropped_connections))}));
   families.push_back(Of(Type::kGauge, "isoscope_pictures_in_work",
-                        "Pictures, picks and meshes in work.", {Value(gauges.pictures)}));
+                        "Pictures, picks, meshes and films in work.", {Value(gauges.pictures)}));
   families.push_back(Of(Type::kGauge, "isoscope_limit_pictures",
-                        "Most pictures, picks and meshes in work (--max-pictures).",
+                        "Most pictures, picks, meshes and films in work (--max-pictures).",
                         {Value(gauges.max_pictures)}));
   families.push_back(Of(Type::kGauge, "isoscope_certificate_days_left",
                         "Days until the own certificate expires; 0 if it can't be read, infinity "

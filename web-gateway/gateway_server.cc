@@ -67,6 +67,7 @@ class GatewayServerImpl final : public GatewayServer {
     Shutdown(absl::ZeroDuration());
     client_.AwaitCalls();
     api_.FinishDrawing();
+    client_.AwaitCalls();  // of films that asked for another frame meanwhile
   }
 
   absl::Status Listen(const GatewayOptions& options) {

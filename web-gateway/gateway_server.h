@@ -26,9 +26,9 @@ struct GatewayLimits {
   // Connections at work, of all kinds; more are answered with 503. Those that wait for a request
   // make room (core/http/connections.h).
   int max_connections = 256;
-  int max_pictures = 16;      // pictures, picks and meshes in work; more are answered with 429
-  int max_caller_meshes = 2;  // meshes of a caller, until they are sent; more: 429
-  // Disk space of all meshes, until they are sent; a mesh that needs more: 429.
+  int max_pictures = 16;      // pictures, picks, meshes, films in work; more are answered with 429
+  int max_caller_meshes = 2;  // meshes and films of a caller, until they are sent; more: 429
+  // Disk space of all meshes and films, until they are sent; one that needs more: 429.
   std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
   // The limit of a picture, a pick or a mesh.
   absl::Duration max_picture_duration = absl::Minutes(5);

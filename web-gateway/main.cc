@@ -143,16 +143,18 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
                   "Connections at work at a time, viewers included; those that wait make room")
       .Environment("ISOSCOPE_MAX_CONNECTIONS");
   set->AddInteger("--max-pictures", &flags->max_pictures, 1, kMaxConnections,
-                  "Pictures and meshes in work at a time, viewers apart; more are refused")
+                  "Pictures, meshes and films in work at a time, viewers apart; more are refused")
       .Environment("ISOSCOPE_MAX_PICTURES");
   set->AddInteger("--max-caller-meshes", &flags->max_caller_meshes, 1, kMaxConnections,
-                  "Meshes in work for one caller, by token, else by address; more are refused")
+                  "Meshes and films in work for one caller, by token, else by address; more are "
+                  "refused")
       .Environment("ISOSCOPE_MAX_CALLER_MESHES");
   set->AddByteSize("--max-mesh-bytes", &flags->max_mesh_bytes, kMinMeshBytes, kMaxMeshBytes,
-                   "Disk space of the meshes in work (TMPDIR); those that need more are refused")
+                   "Disk space of the meshes and films in work (TMPDIR); those that need more are "
+                   "refused")
       .Environment("ISOSCOPE_MAX_MESH_BYTES");
   set->AddNumber("--max-picture-seconds", &flags->max_picture_seconds, kMinSeconds, kMaxSeconds,
-                 "How long a picture or a mesh may take")
+                 "How long a picture, a frame of a film, or a mesh may take")
       .Environment("ISOSCOPE_MAX_PICTURE_SECONDS");
 }
 

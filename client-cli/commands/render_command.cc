@@ -26,6 +26,7 @@
 #include "client-cli/output/frame_statistics.h"
 #include "client-cli/output/note_lines.h"
 #include "client-cli/output/picture_output.h"
+#include "client-cli/output/sweep.h"
 #include "client-cli/output/trace_file.h"
 #include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/label_query.h"
@@ -313,25 +314,15 @@ absl::StatusOr<FirstCamera> FirstCameraOf(const RenderFlags& flags, const Subjec
   return first;
 }
 
-// Returns the request of frame `i`, whose camera is `first`, rotated.
-absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(
-    const RenderFlags& flags, const client::RequestFlags& frame_flags, const Subject& subject,
-    const FirstCamera& first, int i) {
+// Returns the request of the first frame.
+absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& flags,
+                                                             const Subject& subject,
+                                                             const FirstCamera& first) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       v1::RenderIsosurfaceRequest request,
-      client::MakeRequest(frame_flags, subject.dataset.name(), first.camera, first.fit));
+      client::MakeRequest(flags.request, subject.dataset.name(), first.camera, first.fit));
   if (first.is_servers_choice) {
     request.clear_camera();
-  }
-  if (flags.sweep.is_step_sweep()) {
-    request.mutable_selection()->set_time_step(flags.sweep.steps[static_cast<std::size_t>(i)]);
-  }
-  if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
-    // All values but the eye have the same bits as in the first camera.
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                              wire::CameraFromProto(first.camera, "camera"));
-    *request.mutable_camera()->mutable_eye() =
-        wire::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
   }
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
@@ -344,6 +335,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(
   if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
+  ISOSCOPE_RETURN_IF_ERROR(client::SetFrame(flags.sweep, /*i=*/0, &request));
   return request;
 }
 
@@ -364,13 +356,14 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> DrawFrames(
     const RenderFlags& flags, const Subject& subject, const FirstCamera& camera, Session* session,
     std::vector<FrameRecord>* frames, PictureOutput* output, const Context& context) {
   const int frame_count = flags.sweep.frame_count();
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest first,
+                            MakeFirstRequest(flags, subject, camera));
   v1::RenderIsosurfaceResponse last;
   v1::RenderIsosurfaceResponse ranges;  // the first answer, without pictures
   FrameProgress progress(frame_count, context.err, context.err_is_terminal);
   for (int i = 0; i < frame_count; ++i) {
-    const client::RequestFlags frame_flags = RequestOfFrame(flags.sweep, flags.request, i);
-    ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
-                              MakeFrameRequest(flags, frame_flags, subject, camera, i));
+    v1::RenderIsosurfaceRequest request = first;
+    ISOSCOPE_RETURN_IF_ERROR(client::SetFrame(flags.sweep, i, &request));
     client::KeepRanges(ranges, &request);
     ISOSCOPE_ASSIGN_OR_RETURN(last, RenderFrame(request, flags.trace, session, frames,
                                                 /*says_waiting=*/frame_count == 1, context));
@@ -403,14 +396,14 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   ISOSCOPE_RETURN_IF_ERROR(
       CheckUsage(flags.look, flags.request.surface_count(), flags.request.has_sample_caps()));
-  ISOSCOPE_RETURN_IF_ERROR(ResolveSteps(dataset, &flags.sweep));
+  ISOSCOPE_RETURN_IF_ERROR(client::ResolveSteps(dataset, &flags.sweep));
   if (flags.sweep.is_step_sweep() && !flags.annotations.caption) {
     flags.annotations.caption = "{time}";
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstCamera camera, FirstCameraOf(flags, subject));
   if (flags.is_poster()) {
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest whole,
-                              MakeFrameRequest(flags, flags.request, subject, camera, /*i=*/0));
+                              MakeFirstRequest(flags, subject, camera));
     whole.set_with_notes(false);
     ISOSCOPE_RETURN_IF_ERROR(ResolveVisibleRanges(session, &whole));
     ISOSCOPE_RETURN_IF_ERROR(RunPoster(flags, dataset, whole, display, session, context));
@@ -470,7 +463,7 @@ WantedVolumes WantedOf(const RenderFlags& flags) {
     wanted.steps = [range = *flags.sweep.step_range](int step_count) {
       std::vector<int> all(static_cast<std::size_t>(step_count));
       std::iota(all.begin(), all.end(), 0);
-      return StepsOf(range, all, "the source");
+      return client::StepsOf(range, all, "the source");
     };
   }
   AddColors(flags.look, flags.request.caps, &wanted);

@@ -17,6 +17,7 @@
 
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/picture_output.h"
+#include "client-cli/output/sweep.h"
 #include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/picture_file/animation_writer.h"
 #include "clients/cpp/picture_file/annotation_flags.h"
@@ -157,7 +158,7 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
           "each frame, numbered from 0, else the last one; all "
           "frames as one animation if it ends in .apng or .webp; - is a PNG on standard output");
   client::AddRequestFlags(set, &flags->request);
-  AddSweepFlags(set, &flags->sweep, &flags->request);
+  client::AddSweepFlags(set, &flags->sweep, &flags->request);
   AddPlaneFlags(set, &flags->planes);
   client::AddEffectFlags(set, &flags->effects);
   client::AddViewFlags(set, &flags->view);

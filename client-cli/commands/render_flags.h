@@ -10,13 +10,13 @@
 
 #include "client-cli/output/picture_output.h"
 #include "client-cli/output/plane_flags.h"
-#include "client-cli/output/sweep.h"
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/picture_file/annotations.h"
 #include "clients/cpp/request/effect_flags.h"
 #include "clients/cpp/request/look_flags.h"
 #include "clients/cpp/request/render_request.h"
+#include "clients/cpp/request/sweep_flags.h"
 #include "clients/cpp/request/view_flags.h"
 #include "core/cli/command.h"
 #include "core/cli/flag_set.h"
@@ -27,7 +27,7 @@ namespace isoscope::cli {
 struct RenderFlags {
   SessionFlags session;
   client::RequestFlags request;
-  SweepFlags sweep;
+  client::SweepFlags sweep;
   PlaneFlags planes;
   client::EffectFlags effects;
   client::ViewFlags view;

@@ -17,27 +17,17 @@
 #include "client-cli/output/frame_name.h"
 #include "client-cli/output/output_suffix.h"
 #include "clients/cpp/connection/annotated_picture.h"
+#include "clients/cpp/connection/film_file.h"
 #include "clients/cpp/connection/png_metadata.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
-#include "wire/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
 
 // Of pictures, and of animations (client::IsAnimationName).
 constexpr char kPictureSuffixes[] = ".png and .jpg, and .apng and .webp for films";
-
-// Returns true if the request may give pixels that are not opaque.
-bool HasAlpha(const isoscope::v1::RenderIsosurfaceRequest& request) {
-  if (!request.has_background_color()) {
-    return false;
-  }
-  const absl::StatusOr<image::Rgba8> color =
-      wire::ColorFromProto(request.background_color(), "background_color");
-  return !color.ok() || color->a != 255;
-}
 
 }  // namespace
 
@@ -103,15 +93,7 @@ absl::Status PictureOutput::AddToAnimation(const isoscope::v1::RenderIsosurfaceR
                                            const std::string& png) {
   if (animation_ == nullptr) {
     ISOSCOPE_ASSIGN_OR_RETURN(
-        animation_,
-        client::CreateAnimation(options_.path,
-                                {.width_px = request.has_region() ? request.region().width_px()
-                                                                  : request.viewport().width_px(),
-                                 .height_px = request.has_region() ? request.region().height_px()
-                                                                   : request.viewport().height_px(),
-                                 .frame_count = options_.frame_count,
-                                 .fps = options_.fps,
-                                 .has_alpha = HasAlpha(request)}));
+        animation_, client::CreateFilm(options_.path, request, options_.frame_count, options_.fps));
   }
   return animation_->AddFrame(png);
 }

@@ -158,8 +158,9 @@ class OpenApiTest(unittest.TestCase):
             arguments = {}
             if any(parameter['in'] == 'path' for parameter in operation['parameters']):
                 arguments['name'] = self.dataset
-            if any(parameter['name'] == 'isovalue' for parameter in operation['parameters']):
-                arguments['isovalue'] = 128
+            for parameter in operation['parameters']:
+                if parameter['name'] == 'isovalue':  # that of a film may be a range, which is text
+                    arguments['isovalue'] = '128' if parameter['schema']['type'] == 'string' else 128
             if method == 'post':
                 arguments['body'] = self.frame() if name == 'renderPicture' else {
                     'frame': self.frame(), 'pixels': [{'x': 160, 'y': 120}]}
@@ -176,7 +177,8 @@ class OpenApiTest(unittest.TestCase):
 
     def test_no_parameter_is_read_that_the_document_lacks(self):
         address = urllib.parse.urljoin(self.url, f'/v1/datasets/{urllib.parse.quote(self.dataset)}/')
-        for path, name in (('render', 'getPicture'), ('histogram', 'getHistogram'), ('mesh.ply', 'getMeshPly')):
+        for path, name in (('render', 'getPicture'), ('histogram', 'getHistogram'), ('mesh.ply', 'getMeshPly'),
+                           ('film.webp', 'getFilmWebp')):
             request = urllib.request.Request(f'{address}{path}?none=1', headers={'Authorization': f'Bearer {self.token}'})
             with self.assertRaises(urllib.error.HTTPError) as raised:
                 urllib.request.urlopen(request, timeout=PATIENCE_S)
@@ -247,6 +249,47 @@ class OpenApiTest(unittest.TestCase):
                 with open(path, 'rb') as file:
                     self.assertEqual(mesh, file.read())
         self.assertEqual(self.client.call('getMeshStl', name=self.dataset, isovalue=128, color='teal')[0], 400)
+
+    def rendered(self, name, *flags):
+        """The file that `isoscope render` writes."""
+        path = os.path.join(self.folder.name, name)
+        subprocess.run([ISOSCOPE, 'render', self.volume, '--width', '320', '--height', '240', '--renderer', 'cpu',
+                        '-o', path, *flags], check=True, env=self.environment, stdout=subprocess.DEVNULL)
+        with open(path, 'rb') as file:
+            return file.read()
+
+    def test_films_are_those_of_the_command_line(self):
+        turn = {'isovalue': '128', 'repeat': 3, 'orbit': 25, 'azimuth': 30, 'fps': 7.5, 'axes': True, 'caption': 'at {isovalue}'}
+        levels = {'isovalue': '110:140:15', 'view': 'front', 'color_by': ['gradient'], 'color_range': 'visible', 'legend': True}
+        clear = {'isovalue': '128', 'repeat': 2, 'orbit': 90, 'azimuth': 0, 'background': '0,0,0,0'}
+        for arguments in (turn, levels, clear):
+            flags = []
+            for name, value in arguments.items():
+                flag = '--' + name.replace('_', '-')
+                flags += [flag] if value is True else [f'{flag}={value[0] if isinstance(value, list) else value}']
+            for suffix in ('webp', 'apng'):
+                with self.subTest(suffix=suffix, flags=flags):
+                    kind, film, headers = self.good(f'getFilm{suffix.capitalize()}', name=self.dataset, **SIDE, **arguments)
+                    self.assertEqual(kind, f'image/{suffix}')
+                    self.assertIn(f'film.{suffix}', headers['Content-Disposition'])
+                    self.assertEqual(film, self.rendered(f'film.{suffix}', *flags))
+
+    def test_films_are_bounded(self):
+        for arguments, said in (({'repeat': 721}, '721'), ({'repeat': 720, 'width': 1920, 'height': 1080}, '1492992000'),
+                                ({'orbit': 5}, 'repeat'), ({'width': 16384, 'height': 16}, '16383')):
+            status, _, content, _ = self.client.call('getFilmWebp', name=self.dataset, isovalue='128', **arguments)
+            self.assertEqual(status, 400)
+            self.assertIn(said, json.loads(content)['message'])
+
+    def test_a_webp_is_a_lossless_picture(self):
+        png = self.good('getPicture', name=self.dataset, isovalue=128, **SIDE)[2]
+        kind, webp, headers = self.good('getPicture', name=self.dataset, isovalue=128, format='webp', **SIDE)
+        self.assertEqual((kind, webp[:4], webp[8:16]), ('image/webp', b'RIFF', b'WEBPVP8L'))
+        self.assertNotEqual(headers['ETag'], png['ETag'])
+        drawn = self.good('getPicture', name=self.dataset, isovalue=128, format='webp', axes=True, **SIDE)[1]
+        self.assertEqual(drawn[8:16], b'WEBPVP8L')
+        self.assertNotEqual(drawn, webp)
+        self.assertEqual(self.client.call('getPicture', name=self.dataset, isovalue=128, format='webp', record=True)[0], 400)
 
     def test_pages_of_named_origins_may_ask_a_view(self):
         for origin, status in (('https://hub.example.org', 200), ('https://other.example.org', 403)):

@@ -6,8 +6,8 @@
 //   2  the call itself
 //
 // What a request means is in the table of routes.h. An Exchange is one request in work. The
-// functions that wait for answers hold it. Annotations are drawn after the call, on a thread of
-// their own, one picture at a time: decoded pictures are large.
+// functions that wait for answers hold it. Annotations are drawn, and pictures put into a WebP or a
+// film, after the call, on a thread of their own, one picture at a time: decoded pictures are large.
 
 #include "web-gateway/api/api.h"
 
@@ -27,6 +27,8 @@
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "web-gateway/api/film_answer.h"
+#include "web-gateway/api/film_frames.h"
 #include "web-gateway/api/json.h"
 #include "web-gateway/api/mesh_answer.h"
 #include "web-gateway/api/openapi.h"
@@ -201,6 +203,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         return Pick();
       case Endpoint::kMesh:
         return AnswerMesh();
+      case Endpoint::kFilm:
+        return AnswerFilm();
       default:
         return Respond(JsonResponse(ToJson(dataset_)));
     }
@@ -212,12 +216,12 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (pictures_->fetch_add(1) < options_.max_pictures) {
       return true;
     }
-    RespondError(
-        base::WithRetryDelay(absl::ResourceExhaustedError(absl::StrCat(
-                                 options_.max_pictures,
-                                 " pictures and meshes are in work, which is the gateway's limit "
-                                 "(--max-pictures): ask again later")),
-                             absl::Seconds(1)));
+    RespondError(base::WithRetryDelay(
+        absl::ResourceExhaustedError(
+            absl::StrCat(options_.max_pictures,
+                         " pictures, meshes and films are in work, which is the gateway's limit "
+                         "(--max-pictures): ask again later")),
+        absl::Seconds(1)));
     return false;
   }
 
@@ -354,18 +358,21 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   }
 
   void DrawExtras(Headers headers, v1::RenderIsosurfaceResponse rendered) {
-    const bool is_queued = drawing_->TrySchedule([self = shared_from_this(),
-                                                  headers = std::move(headers),
-                                                  rendered = std::move(rendered)]() mutable {
-      absl::Status status = self->call_.scope->Check();  // a client that left waits for none
-      if (status.ok()) {
-        status = AddExtras(self->extras_, self->render_, self->dataset_, self->picture_revision_,
-                           &rendered);
-      }
-      self->Respond(status.ok()
-                        ? PictureResponse(self->render_, std::move(headers), std::move(rendered))
-                        : ErrorResponse(status));
-    });
+    const bool is_queued =
+        drawing_->TrySchedule([self = shared_from_this(), headers = std::move(headers),
+                               rendered = std::move(rendered)]() mutable {
+          absl::Status status = self->call_.scope->Check();  // a client that left waits for none
+          if (status.ok()) {
+            status = AddExtras(self->extras_, self->render_, self->dataset_,
+                               self->picture_revision_, &rendered);
+          }
+          HttpResponse response;
+          if (status.ok()) {
+            response = PictureResponse(self->render_, std::move(headers), std::move(rendered));
+            status = self->extras_.is_webp ? ConvertToWebp(&response) : absl::OkStatus();
+          }
+          self->Respond(status.ok() ? std::move(response) : ErrorResponse(status));
+        });
     if (!is_queued) {
       RespondError(base::WithRetryDelay(
           absl::ResourceExhaustedError("too many pictures wait for their annotations"),
@@ -416,6 +423,27 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     HttpResponse response = MeshAnswer::Header(operation_->mesh_format);
     response.has_unknown_length = true;
     return response;
+  }
+
+  absl::StatusOr<std::unique_ptr<FilmAnswer>> BeginFilm() {
+    ISOSCOPE_ASSIGN_OR_RETURN(FilmQuery film, FilmQueryFromQuery(request_.target.query, dataset_));
+    ISOSCOPE_RETURN_IF_ERROR(CheckFilm(operation_->film_format, film));
+    return FilmAnswer::Begin(operation_->film_format, std::move(film), dataset_, request_.caller,
+                             options_.max_mesh_bytes, meshes_);
+  }
+
+  void AnswerFilm() {
+    absl::StatusOr<std::unique_ptr<FilmAnswer>> film = BeginFilm();
+    if (!film.ok()) {
+      RespondError(film.status());
+      return;
+    }
+    DrawFilm(
+        *std::move(film),
+        {.client = client_, .call = call_, .drawing = drawing_, .is_head = request_.is_head},
+        [self = shared_from_this()](absl::StatusOr<HttpResponse> response) {
+          self->Respond(response.ok() ? *std::move(response) : ErrorResponse(response.status()));
+        });
   }
 
   const ApiOptions options_;

@@ -22,11 +22,11 @@
 namespace isoscope::gateway {
 
 struct ApiOptions {
-  // Pictures, picks and meshes in work at a time; more are answered with 429.
+  // Pictures, picks, meshes and films in work at a time; more are answered with 429.
   int max_pictures = 16;
-  // Meshes of a caller, until they are sent; more are answered with 429.
+  // Meshes and films of a caller, until they are sent; more are answered with 429.
   int max_caller_meshes = 2;
-  // Disk space of all meshes, until they are sent; a mesh that needs more is answered with 429.
+  // Disk space of all meshes and films, until they are sent; one that needs more is answered with 429.
   std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
   // True if answers are for one user, so that no shared cache keeps them.
   bool is_private = false;
@@ -54,8 +54,9 @@ class Api {
   // the work stops, and the answer follows soon.
   void Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond);
 
-  // Waits until the annotations in work are drawn and answered. No call of Answer follows, and all
-  // calls to the coordinator have ended.
+  // Waits until the pictures in work are drawn over and answered. No call of Answer follows, requests
+  // are cancelled, and all calls to the coordinator have ended. A film may have begun another call,
+  // which ends at once: wait for calls again.
   void FinishDrawing() { drawing_.reset(); }
 
   [[nodiscard]] int pictures_in_work() const { return pictures_in_work_.load(); }
@@ -65,8 +66,7 @@ class Api {
   CoordinatorClient* const client_;
   MeshBudget meshes_;
   std::atomic<int> pictures_in_work_{0};
-  std::unique_ptr<base::Executor>
-      drawing_;  // of annotations; ends first, as its tasks use the rest
+  std::unique_ptr<base::Executor> drawing_;  // over pictures; ends first, as its tasks use the rest
 };
 
 }  // namespace isoscope::gateway

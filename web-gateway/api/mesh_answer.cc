@@ -1,15 +1,12 @@
 #include "web-gateway/api/mesh_answer.h"
 
-#include <cerrno>
-#include <cstdlib>
-#include <filesystem>
-#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
 #include "core/math/vec.h"
+#include "web-gateway/api/answer_file.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -42,15 +39,7 @@ absl::StatusOr<std::unique_ptr<MeshAnswer>> MeshAnswer::Begin(
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<MeshBudget::Lease> lease, budget->Begin(caller));
   std::unique_ptr<MeshAnswer> mesh(
       new MeshAnswer(format, max_disk_bytes, surfaces.size(), std::move(lease)));
-  std::error_code error;
-  std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
-  // A private folder: no other user can put a file of this name there.
-  if (error || mkdtemp(folder.data()) == nullptr) {
-    return absl::FailedPreconditionError(
-        absl::StrCat("no folder for temporary files can be made (TMPDIR): ",
-                     error ? error.message() : std::system_category().message(errno)));
-  }
-  mesh->path_ = absl::StrCat(folder, "/", NameOfFile(format));
+  ISOSCOPE_ASSIGN_OR_RETURN(mesh->path_, MakeAnswerPath(NameOfFile(format)));
   const client::MeshFileOptions file{
       .path = mesh->path_, .format = format, .surfaces = surfaces, .field = field};
   ISOSCOPE_RETURN_IF_ERROR(client::Validate(file));

@@ -8,7 +8,7 @@
 namespace isoscope::gateway {
 namespace {
 
-// Meshes take seconds.
+// They take seconds.
 constexpr absl::Duration kRetryDelay = absl::Seconds(2);
 
 absl::Status Refuse(const std::string& message) {
@@ -19,7 +19,7 @@ absl::Status Refuse(const std::string& message) {
 
 absl::Status MeshBudget::Lease::SetBytes(std::int64_t bytes) {
   if (!budget_->TryTake(bytes - bytes_)) {
-    return Refuse(absl::StrCat("the meshes in work fill the gateway's disk space, ",
+    return Refuse(absl::StrCat("the meshes and films in work fill the gateway's disk space, ",
                                budget_->max_bytes_, " bytes (--max-mesh-bytes): ask again later"));
   }
   bytes_ = bytes;
@@ -32,7 +32,7 @@ absl::StatusOr<std::shared_ptr<MeshBudget::Lease>> MeshBudget::Begin(const std::
     int& count = counts_[caller];  // above 0 if the caller is refused
     if (count >= max_per_caller_) {
       return Refuse(absl::StrCat(count,
-                                 " meshes of this caller are in work, which is the "
+                                 " meshes and films of this caller are in work, which is the "
                                  "gateway's limit (--max-caller-meshes): ask again later"));
     }
     ++count;

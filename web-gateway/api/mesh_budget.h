@@ -1,5 +1,5 @@
-// Bounds the meshes that the gateway writes to disk: the number in work of each caller, and the
-// bytes of all.
+// Bounds the meshes and films that the gateway writes to disk: the number in work of each caller, and
+// the bytes of all.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_API_MESH_BUDGET_H_
 #define ISOSCOPE_WEB_GATEWAY_API_MESH_BUDGET_H_
@@ -21,7 +21,7 @@ namespace isoscope::gateway {
 // Thread-safe. Outlives its leases.
 class MeshBudget {
  public:
-  // A mesh in work, from its request until its answer is sent. The destructor returns its share.
+  // A mesh or film in work, from its request until its answer is sent. The destructor returns its share.
   // Thread-compatible.
   class Lease {
    public:
@@ -30,7 +30,7 @@ class MeshBudget {
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
 
-    // Sets the mesh's present size on disk. RESOURCE_EXHAUSTED with a retry delay if all meshes
+    // Sets its present size on disk. RESOURCE_EXHAUSTED with a retry delay if all meshes and films
     // together would exceed the limit; then its size stays as before.
     absl::Status SetBytes(std::int64_t bytes);
 
@@ -43,7 +43,7 @@ class MeshBudget {
   MeshBudget(int max_per_caller, std::int64_t max_bytes)
       : max_per_caller_(max_per_caller), max_bytes_(max_bytes) {}
 
-  // Begins a mesh. RESOURCE_EXHAUSTED with a retry delay if the caller is at its limit.
+  // Begins a mesh or a film. RESOURCE_EXHAUSTED with a retry delay if the caller is at its limit.
   absl::StatusOr<std::shared_ptr<Lease>> Begin(const std::string& caller);
 
  private:

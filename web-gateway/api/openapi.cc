@@ -30,7 +30,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr char kDescription[] =
-    "Pictures, meshes and measures of isosurfaces, over HTTP. HEAD answers as GET does, without "
+    "Pictures, films, meshes and measures of isosurfaces, over HTTP. HEAD answers as GET does, "
+    "without "
     "the body. JSON has the messages of proto/isoscope/v1 by protobuf's mapping: a field with its "
     "default value is left out. Views that move are a WebSocket, /v1/interact, which this document "
     "can't describe: docs/gateway.md does.";
@@ -52,9 +53,10 @@ Json ParameterSchema(const cli::FlagDescription& parameter) {
   if (absl::StrJoin(parameter.choices, "|") == parameter.value_name) {
     return {{"type", "string"}, {"enum", parameter.choices}};
   }
-  // The height of an orthographic camera is no count of pixels.
-  const bool is_length = parameter.names[0] == "--orthographic-height";
-  if (is_length || Contains(kNumbers, parameter.value_name)) {
+  // The height of an orthographic camera is no count of pixels, nor need a rate be whole.
+  const bool is_real =
+      parameter.names[0] == "--orthographic-height" || parameter.names[0] == "--fps";
+  if (is_real || Contains(kNumbers, parameter.value_name)) {
     return {{"type", "number"}};
   }
   if (Contains(kIntegers, parameter.value_name)) {
@@ -104,6 +106,8 @@ Json PictureHeaders() {
   headers["X-Isoscope-Selection"]["description"] =
       "of a dataset with fields: what was drawn, a FieldSelection as JSON";
   headers["X-Isoscope-Time"]["description"] = "of a dataset with times: that of the step";
+  headers["X-Isoscope-Color-Ranges"]["description"] =
+      "the ranges of the colour maps, as JSON: by surface, and that of cuts";
   for (auto& [name, header] : headers.items()) {
     header["schema"]["type"] = "string";
   }

@@ -9,6 +9,8 @@
 #include "google/protobuf/io/coded_stream.h"
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
+#include "clients/cpp/picture_file/webp_writer.h"
+#include "core/base/status_macros.h"
 #include "web-gateway/api/json.h"
 #include "web-gateway/api/served_selection.h"
 #include "web-gateway/http/etag.h"
@@ -165,6 +167,12 @@ HttpResponse PictureResponse(const v1::RenderIsosurfaceRequest& request,
   response.content_type = type;
   response.body = std::move(*output);
   return response;
+}
+
+absl::Status ConvertToWebp(HttpResponse* picture) {
+  ISOSCOPE_ASSIGN_OR_RETURN(picture->body, client::WebpOfPng(picture->body));
+  picture->content_type = "image/webp";
+  return absl::OkStatus();
 }
 
 }  // namespace isoscope::gateway

@@ -39,6 +39,10 @@ HttpResponse PictureResponse(const isoscope::v1::RenderIsosurfaceRequest& reques
                              std::vector<std::pair<std::string, std::string>> headers,
                              isoscope::v1::RenderIsosurfaceResponse rendered);
 
+// Makes the PNG of an answer a lossless WebP of the same pixels. Errors as client::WebpOfPng; then the
+// answer is as before.
+absl::Status ConvertToWebp(HttpResponse* picture);
+
 }  // namespace isoscope::gateway
 
 #endif  // ISOSCOPE_WEB_GATEWAY_API_PICTURE_ANSWER_H_

@@ -9,8 +9,10 @@
 
 #include "clients/cpp/connection/annotated_picture.h"
 #include "clients/cpp/picture_file/annotation_flags.h"
+#include "clients/cpp/picture_file/webp_writer.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/view/camera.h"
 #include "web-gateway/api/render_query.h"
 
 namespace isoscope::gateway {
@@ -24,12 +26,28 @@ bool IsPng(const v1::RenderIsosurfaceRequest& request) {
 }
 
 // A size that is wrong is the coordinator's to refuse.
-std::int64_t PixelsOf(const v1::RenderIsosurfaceRequest& request) {
+view::Viewport SizeOf(const v1::RenderIsosurfaceRequest& request) {
   const bool is_part = request.has_region();
-  const std::int64_t width = is_part ? request.region().width_px() : request.viewport().width_px();
-  const std::int64_t height =
-      is_part ? request.region().height_px() : request.viewport().height_px();
-  return std::max<std::int64_t>(width, 0) * std::max<std::int64_t>(height, 0);
+  return {is_part ? request.region().width_px() : request.viewport().width_px(),
+          is_part ? request.region().height_px() : request.viewport().height_px()};
+}
+
+// INVALID_ARGUMENT if the picture is too large to be decoded, or for a WebP.
+absl::Status CheckSize(const PictureExtras& extras, const view::Viewport& size) {
+  const std::int64_t pixels =
+      std::max<std::int64_t>(size.width_px, 0) * std::max<std::int64_t>(size.height_px, 0);
+  if (extras.needs_pixels() && pixels > kMaxDecodedPixels) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the picture has ", pixels,
+                     " pixels: axes, scale-bar, legend and caption are drawn on at most ",
+                     kMaxDecodedPixels, ", and a WebP is made of as many"));
+  }
+  if (extras.is_webp && std::max(size.width_px, size.height_px) > client::kMaxWebpSidePx) {
+    return absl::InvalidArgumentError(absl::StrCat("the picture has ", size.width_px, " x ",
+                                                   size.height_px, " pixels: a WebP has at most ",
+                                                   client::kMaxWebpSidePx, " a side"));
+  }
+  return absl::OkStatus();
 }
 
 bool ShowsQuantity(const v1::RenderIsosurfaceRequest& request) {
@@ -53,16 +71,14 @@ absl::Status CheckExtras(const PictureExtras& extras, const v1::RenderIsosurface
   }
   if (!IsPng(request)) {
     return absl::InvalidArgumentError(
-        "axes, scale-bar, legend, caption and record are of a PNG: leave them or the format out");
+        "axes, scale-bar, legend and caption are of a PNG or a WebP, record is of a PNG: leave "
+        "them "
+        "or the format out");
   }
-  const std::int64_t pixels = PixelsOf(request);
-  if (extras.annotations.any() && pixels > kMaxAnnotatedPixels) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("the picture has ", pixels,
-                     " pixels: axes, scale-bar, legend and caption are "
-                     "drawn on at most ",
-                     kMaxAnnotatedPixels));
+  if (extras.has_record && extras.is_webp) {
+    return absl::InvalidArgumentError("record is written into a PNG: leave it or format=webp out");
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckSize(extras, SizeOf(request)));
   if (extras.annotations.has_legend && !ShowsQuantity(request)) {
     return absl::InvalidArgumentError(
         "legend shows what the colours of color-by and of caps=MAP mean: give one of them");
@@ -87,8 +103,8 @@ std::string KeyOf(const PictureExtras& extras) {
   // Another version may draw otherwise. The caption is last, because it may hold any text.
   return absl::StrCat("extras of ", base::Version(), drawn.has_axes ? " axes" : "",
                       drawn.has_scale_bar ? " scale-bar" : "", drawn.has_legend ? " legend" : "",
-                      extras.has_record ? " record" : "", drawn.caption ? " caption " : "",
-                      drawn.caption.value_or(""));
+                      extras.has_record ? " record" : "", extras.is_webp ? " webp" : "",
+                      drawn.caption ? " caption " : "", drawn.caption.value_or(""));
 }
 
 absl::Status AddExtras(const PictureExtras& extras, const v1::RenderIsosurfaceRequest& request,

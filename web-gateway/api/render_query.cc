@@ -22,6 +22,7 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/strip.h"
 
+#include "clients/cpp/picture_file/annotation_flags.h"
 #include "clients/cpp/request/clip_flags.h"
 #include "clients/cpp/request/effect_flags.h"
 #include "clients/cpp/request/label_flags.h"
@@ -29,6 +30,7 @@
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/selection_flags.h"
+#include "clients/cpp/request/sweep_flags.h"
 #include "clients/cpp/request/view_flags.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command_description.h"
@@ -43,11 +45,13 @@ namespace {
 namespace v1 = isoscope::v1;
 using OutputOptions = v1::OutputOptions;
 
-enum class Format { kPng, kJpeg, kDepth };
+enum class Format { kPng, kJpeg, kWebp, kDepth };
 
 absl::StatusOr<Format> ParseFormat(absl::string_view text) {
-  return client::ParseChoice<Format>(
-      text, {{"png", Format::kPng}, {"jpeg", Format::kJpeg}, {"depth", Format::kDepth}});
+  return client::ParseChoice<Format>(text, {{"png", Format::kPng},
+                                            {"jpeg", Format::kJpeg},
+                                            {"webp", Format::kWebp},
+                                            {"depth", Format::kDepth}});
 }
 
 absl::StatusOr<std::int64_t> ParseQuality(absl::string_view text) {
@@ -112,6 +116,7 @@ OutputOptions OutputOf(Format format, const std::optional<std::int64_t>& quality
   OutputOptions output;
   switch (format) {
     case Format::kPng:
+    case Format::kWebp:  // the gateway makes it of a PNG
       break;
     case Format::kJpeg:
       output.set_image_format(OutputOptions::IMAGE_FORMAT_JPEG);
@@ -125,27 +130,50 @@ OutputOptions OutputOf(Format format, const std::optional<std::int64_t>& quality
   return output;
 }
 
-// The flags of a picture.
-struct PictureFlags {
+// The flags of what a picture shows.
+struct ViewedFlags {
   client::RequestFlags request;
   client::ViewFlags view;
   client::LookFlags look;
   client::EffectFlags effects;
-  PictureExtras extras;
-  std::optional<Format> format;
-  std::optional<std::int64_t> quality;
 
   void Declare(cli::FlagSet* set) {
     client::AddRequestFlags(set, &request);
     client::AddNamedViewFlags(set, &view);
     client::AddLookFlags(set, &look);
     client::AddEffectFlags(set, &effects);
+  }
+};
+
+// The flags of a picture.
+struct PictureFlags {
+  ViewedFlags viewed;
+  PictureExtras extras;
+  std::optional<Format> format;
+  std::optional<std::int64_t> quality;
+
+  void Declare(cli::FlagSet* set) {
+    viewed.Declare(set);
     AddExtrasFlags(set, &extras);
-    cli::AddFlag(set, "--format", "png|jpeg|depth", &format, ParseFormat,
-                 "what the answer is: a PNG (default), a JPEG, or the distance of each pixel as "
-                 "little-endian float32, row by row");
+    cli::AddFlag(
+        set, "--format", "png|jpeg|webp|depth", &format, ParseFormat,
+        "what the answer is: a PNG (default), a JPEG, a lossless WebP of the same pixels as "
+        "the PNG, or the distance of each pixel as little-endian float32, row by row");
     cli::AddFlag(set, "--quality", "N", &quality, ParseQuality,
                  "of a JPEG, 1 to 100 (default: 90)");
+  }
+};
+
+// The flags of a film.
+struct FilmFlags {
+  ViewedFlags viewed;
+  client::SweepFlags sweep;
+  client::Annotations annotations;
+
+  void Declare(cli::FlagSet* set) {
+    viewed.Declare(set);
+    client::AddSweepFlags(set, &sweep, &viewed.request);
+    client::AddAnnotationFlags(set, &annotations);
   }
 };
 
@@ -208,6 +236,27 @@ ParameterTable TableOf() {
   return set.Describe();
 }
 
+// Returns the request of what a picture shows; resolves the names in the flags.
+absl::StatusOr<v1::RenderIsosurfaceRequest> RequestOf(const v1::Dataset& dataset,
+                                                      ViewedFlags* flags) {
+  client::RequestFlags& asked = flags->request;
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(asked)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &asked.label)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(asked)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags->view, asked.camera)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(CheckUsage(flags->look, asked.surface_count(), asked.has_sample_caps())));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(flags->look, dataset)));
+  const absl::StatusOr<v1::Camera> camera = client::ResolveView(flags->view, asked.camera, dataset);
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
+  ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
+                            client::MakeRequest(asked, dataset.name(), *camera, flags->view.fit));
+  client::SetEffects(flags->effects, &request);
+  client::AddLook(flags->look, &request);
+  return request;
+}
+
 // Returns the surfaces that a file has. Meshes are opaque.
 std::vector<client::MeshSurface> SurfacesOf(client::MeshFormat format, const MeshFlags& flags) {
   std::vector<client::MeshSurface> surfaces;
@@ -255,34 +304,43 @@ absl::StatusOr<PictureQuery> PictureQueryFromQuery(const QueryParameters& query,
                                                    const v1::Dataset& dataset) {
   PictureFlags flags;
   ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
-  client::RequestFlags& asked = flags.request;
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(asked)));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(client::ResolveLabels(dataset, /*present=*/std::nullopt, &asked.label)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(asked)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags.view, asked.camera)));
-  ISOSCOPE_RETURN_IF_ERROR(
-      ParameterError(CheckUsage(flags.look, asked.surface_count(), asked.has_sample_caps())));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckColorFields(flags.look, dataset)));
   if (flags.quality && flags.format != Format::kJpeg) {
     return absl::InvalidArgumentError(
         absl::StrCat("quality is ", *flags.quality, " without format=jpeg: only a JPEG has one"));
   }
-  const absl::StatusOr<v1::Camera> camera = client::ResolveView(flags.view, asked.camera, dataset);
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
   PictureQuery picture;
+  ISOSCOPE_ASSIGN_OR_RETURN(picture.request, RequestOf(dataset, &flags.viewed));
   picture.extras = flags.extras;
-  ISOSCOPE_ASSIGN_OR_RETURN(picture.request,
-                            client::MakeRequest(asked, dataset.name(), *camera, flags.view.fit));
-  client::SetEffects(flags.effects, &picture.request);
-  client::AddLook(flags.look, &picture.request);
-  if (flags.format.value_or(Format::kPng) != Format::kPng) {
+  picture.extras.is_webp = flags.format == Format::kWebp;
+  if (flags.format == Format::kJpeg || flags.format == Format::kDepth) {
     *picture.request.mutable_output() = OutputOf(*flags.format, flags.quality);
   }
   return picture;
 }
 
 ParameterTable PictureParameters() { return TableOf<PictureFlags>(); }
+
+absl::StatusOr<FilmQuery> FilmQueryFromQuery(const QueryParameters& query,
+                                             const v1::Dataset& dataset) {
+  FilmFlags flags;
+  ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(flags.sweep)));
+  if (flags.sweep.is_step_sweep() && flags.viewed.request.selection.time) {
+    return absl::InvalidArgumentError("time and step exclude each other: give one of them");
+  }
+  FilmQuery film;
+  ISOSCOPE_ASSIGN_OR_RETURN(film.first, RequestOf(dataset, &flags.viewed));
+  film.sweep = flags.sweep;
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::ResolveSteps(dataset, &film.sweep)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::SetFrame(film.sweep, /*i=*/0, &film.first)));
+  film.annotations = flags.annotations;
+  if (film.sweep.is_step_sweep() && !film.annotations.caption) {
+    film.annotations.caption = "{time}";
+  }
+  return film;
+}
+
+ParameterTable FilmParameters() { return TableOf<FilmFlags>(); }
 
 absl::StatusOr<PictureExtras> ExtrasFromQuery(const QueryParameters& query) {
   ExtrasFlags flags;

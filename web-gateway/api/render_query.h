@@ -12,6 +12,8 @@
 #include "absl/strings/string_view.h"
 
 #include "clients/cpp/mesh_file/mesh_writer.h"
+#include "clients/cpp/picture_file/annotations.h"
+#include "clients/cpp/request/sweep_flags.h"
 #include "core/cli/command_description.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
@@ -33,11 +35,23 @@ struct PictureQuery {
 };
 // Returns the request for a picture of `dataset`. Parameters: the flags of `isoscope render` that
 // affect a pixel, with '-' or '_', those of PictureExtras, and
-//   format   png (default), jpeg, or depth: float32 of each pixel, little-endian
+//   format   png (default), jpeg, webp (lossless, of the PNG's pixels), or depth: float32 of each
+//            pixel, little-endian
 //   quality  of a JPEG, 1 to 100
 absl::StatusOr<PictureQuery> PictureQueryFromQuery(const QueryParameters& query,
                                                    const isoscope::v1::Dataset& dataset);
 ParameterTable PictureParameters();
+
+struct FilmQuery {
+  isoscope::v1::RenderIsosurfaceRequest first;  // of the first frame
+  client::SweepFlags sweep;                     // its steps are found
+  client::Annotations annotations;
+};
+// Returns a film of `dataset`. Parameters: those of a picture without format, quality and record, and
+// the flags of `isoscope render` for several frames: isovalue=A:B:STEP, step=A:B, repeat, orbit, fps.
+absl::StatusOr<FilmQuery> FilmQueryFromQuery(const QueryParameters& query,
+                                             const isoscope::v1::Dataset& dataset);
+ParameterTable FilmParameters();
 
 // The parameters beside a posted request: those of PictureExtras.
 absl::StatusOr<PictureExtras> ExtrasFromQuery(const QueryParameters& query);

@@ -8,6 +8,7 @@
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "web-gateway/api/film_answer.h"
 #include "web-gateway/api/mesh_answer.h"
 
 namespace isoscope::gateway {
@@ -31,6 +32,20 @@ Operation MeshOperation(client::MeshFormat format) {
           .parameters = MeshParameters(),
           .media_types = {MeshMediaType(format)},
           .mesh_format = format};
+}
+
+Operation FilmOperation(client::AnimationFormat format) {
+  const absl::string_view name = client::NameOf(format);
+  return {.endpoint = Endpoint::kFilm,
+          .name = absl::StrCat("getFilm", Capitalized(name)),
+          .path = absl::StrCat("/v1/datasets/{name}/film.", name),
+          .summary =
+              absl::StrCat("A turn, a sweep of isovalues or a series of steps as one ",
+                           format == client::AnimationFormat::kWebp ? "animated WebP, without loss."
+                                                                    : "animated PNG."),
+          .parameters = FilmParameters(),
+          .media_types = {FilmMediaType(format)},
+          .film_format = format};
 }
 
 std::vector<Operation> MakeOperations() {
@@ -71,7 +86,7 @@ std::vector<Operation> MakeOperations() {
        .path = "/v1/datasets/{name}/render",
        .summary = "A picture, or the depth of its pixels.",
        .parameters = PictureParameters(),
-       .media_types = {"image/png", "image/jpeg", "application/octet-stream"}},
+       .media_types = {"image/png", "image/jpeg", "image/webp", "application/octet-stream"}},
       {.endpoint = Endpoint::kPostedPicture,
        .name = "renderPicture",
        .path = "/v1/datasets/{name}/render",
@@ -89,6 +104,9 @@ std::vector<Operation> MakeOperations() {
        .answer = v1::PickSurfaceResponse::descriptor()}};
   for (const client::MeshFormat format : client::kMeshFormats) {
     operations.push_back(MeshOperation(format));
+  }
+  for (const client::AnimationFormat format : client::kAnimationFormats) {
+    operations.push_back(FilmOperation(format));
   }
   return operations;
 }

@@ -10,6 +10,7 @@
 #include "absl/strings/string_view.h"
 
 #include "clients/cpp/mesh_file/mesh_writer.h"
+#include "clients/cpp/picture_file/animation_writer.h"
 #include "web-gateway/api/render_query.h"
 
 namespace google::protobuf {
@@ -30,6 +31,7 @@ enum class Endpoint {
   kPostedPicture,
   kPick,
   kMesh,
+  kFilm,
 };
 
 // One method of an address below /v1/.
@@ -45,11 +47,13 @@ struct Operation {
   const google::protobuf::Descriptor* answer = nullptr;
   std::vector<std::string> media_types = {};  // of an answer that is no message
   client::MeshFormat mesh_format = client::MeshFormat::kGlb;
+  client::AnimationFormat film_format = client::AnimationFormat::kWebp;
 
-  // Whether it takes one of the places for pictures and meshes.
+  // Whether it takes one of the places for pictures, meshes and films.
   [[nodiscard]] bool takes_place() const {
     return endpoint == Endpoint::kPicture || endpoint == Endpoint::kPostedPicture ||
-           endpoint == Endpoint::kPick || endpoint == Endpoint::kMesh;
+           endpoint == Endpoint::kPick || endpoint == Endpoint::kMesh ||
+           endpoint == Endpoint::kFilm;
   }
   [[nodiscard]] bool is_of_dataset() const {
     return takes_place() || endpoint == Endpoint::kDataset || endpoint == Endpoint::kHistogram;

@@ -14,6 +14,10 @@ bool IsWebp(const std::string& path) { return absl::EndsWithIgnoreCase(path, ".w
 
 }  // namespace
 
+absl::string_view NameOf(AnimationFormat format) {
+  return format == AnimationFormat::kApng ? "apng" : "webp";
+}
+
 bool IsAnimationName(const std::string& path) {
   return IsWebp(path) || absl::EndsWithIgnoreCase(path, ".apng");
 }

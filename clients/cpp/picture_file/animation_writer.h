@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_ANIMATION_WRITER_H_
 #define ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_ANIMATION_WRITER_H_
 
+#include <array>
 #include <memory>
 #include <string>
 
@@ -11,6 +12,13 @@
 #include "absl/strings/string_view.h"
 
 namespace isoscope::client {
+
+// The formats, which are also the ends of the files' names.
+enum class AnimationFormat { kApng, kWebp };
+inline constexpr std::array<AnimationFormat, 2> kAnimationFormats = {AnimationFormat::kWebp,
+                                                                     AnimationFormat::kApng};
+// "apng", "webp".
+absl::string_view NameOf(AnimationFormat format);
 
 // Options of an animation. It repeats without end.
 struct AnimationOptions {

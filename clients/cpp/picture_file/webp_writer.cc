@@ -41,6 +41,37 @@ struct Data : WebPData {
   Data& operator=(const Data&) = delete;
 };
 
+// The options of every picture.
+absl::StatusOr<WebPConfig> MakeConfig() {
+  WebPConfig config;
+  if (WebPConfigInit(&config) == 0 || WebPConfigLosslessPreset(&config, kLosslessLevel) == 0) {
+    return absl::InternalError("libwebp has another version than this program was built for");
+  }
+  config.exact = 1;  // colours of transparent pixels, too
+  return config;
+}
+
+absl::Status Import(const image::RgbaImage& from, Picture* picture) {
+  picture->use_argb = 1;
+  picture->width = from.width;
+  picture->height = from.height;
+  if (!picture->is_valid ||
+      WebPPictureImportRGBA(picture, reinterpret_cast<const std::uint8_t*>(from.pixels.data()),
+                            from.width * static_cast<int>(sizeof(image::Rgba8))) == 0) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("libwebp has no memory for ", from.width, " x ", from.height, " pixels"));
+  }
+  return absl::OkStatus();
+}
+
+// Takes the bytes that libwebp writes, and frees them.
+struct Memory : WebPMemoryWriter {
+  Memory() { WebPMemoryWriterInit(this); }
+  ~Memory() { WebPMemoryWriterClear(this); }
+  Memory(const Memory&) = delete;
+  Memory& operator=(const Memory&) = delete;
+};
+
 class WebpWriter : public AnimationWriter {
  public:
   WebpWriter(std::string path, const AnimationOptions& options)
@@ -54,11 +85,10 @@ class WebpWriter : public AnimationWriter {
                        " a second last longer than a WebP can: write fewer, or more a second"));
     }
     WebPAnimEncoderOptions encoder_options;
-    if (WebPAnimEncoderOptionsInit(&encoder_options) == 0 || WebPConfigInit(&config_) == 0 ||
-        WebPConfigLosslessPreset(&config_, kLosslessLevel) == 0) {
+    if (WebPAnimEncoderOptionsInit(&encoder_options) == 0) {
       return absl::InternalError("libwebp has another version than this program was built for");
     }
-    config_.exact = 1;  // colours of transparent pixels, too
+    ISOSCOPE_ASSIGN_OR_RETURN(config_, MakeConfig());
     encoder_.reset(WebPAnimEncoderNew(options_.width_px, options_.height_px, &encoder_options));
     if (encoder_ == nullptr) {
       return absl::ResourceExhaustedError(absl::StrCat("libwebp has no memory for an animation of ",
@@ -76,14 +106,7 @@ class WebpWriter : public AnimationWriter {
                                               " x ", options_.height_px));
     }
     Picture picture;
-    picture.use_argb = 1;
-    picture.width = frame.width;
-    picture.height = frame.height;
-    if (!picture.is_valid ||
-        WebPPictureImportRGBA(&picture, reinterpret_cast<const std::uint8_t*>(frame.pixels.data()),
-                              frame.width * static_cast<int>(sizeof(image::Rgba8))) == 0) {
-      return absl::ResourceExhaustedError("libwebp has no memory for a frame");
-    }
+    ISOSCOPE_RETURN_IF_ERROR(Import(frame, &picture));
     if (WebPAnimEncoderAdd(encoder_.get(), &picture, TimeOf(added_count_), &config_) == 0) {
       return Failed();
     }
@@ -130,6 +153,26 @@ absl::StatusOr<std::unique_ptr<AnimationWriter>> CreateWebp(const std::string& p
   auto writer = std::make_unique<WebpWriter>(path, options);
   ISOSCOPE_RETURN_IF_ERROR(writer->Open());
   return writer;
+}
+
+absl::StatusOr<std::string> WebpOfPng(absl::string_view png) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const image::RgbaImage decoded, image::DecodePng(png));
+  if (decoded.width > kMaxWebpSidePx || decoded.height > kMaxWebpSidePx) {
+    return absl::InvalidArgumentError(absl::StrCat("the picture has ", decoded.width, " x ",
+                                                   decoded.height, " pixels; a WebP has at most ",
+                                                   kMaxWebpSidePx, " a side"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const WebPConfig config, MakeConfig());
+  Picture picture;
+  ISOSCOPE_RETURN_IF_ERROR(Import(decoded, &picture));
+  Memory memory;
+  picture.writer = WebPMemoryWrite;
+  picture.custom_ptr = static_cast<WebPMemoryWriter*>(&memory);
+  if (WebPEncode(&config, &picture) == 0) {
+    return absl::InternalError(
+        absl::StrCat("libwebp can't encode the picture: error ", picture.error_code));
+  }
+  return std::string(reinterpret_cast<const char*>(memory.mem), memory.size);
 }
 
 }  // namespace isoscope::client

@@ -1,5 +1,5 @@
-// Fuzzes a browser's input without its transport: addresses, the parameters of pictures and meshes,
-// the messages of a WebSocket, and the headers for access. The first byte selects one.
+// Fuzzes a browser's input without its transport: addresses, the parameters of pictures, films and
+// meshes, the messages of a WebSocket, and the headers for access. The first byte selects one.
 
 #include <algorithm>
 #include <cstddef>
@@ -14,6 +14,7 @@
 
 #include "rpc/peer.h"
 #include "tests/fuzz/fuzz_input.h"
+#include "web-gateway/api/film_answer.h"
 #include "web-gateway/api/frame_message.h"
 #include "web-gateway/api/json.h"
 #include "web-gateway/api/render_query.h"
@@ -59,6 +60,23 @@ void ReadHistogram(const gateway::QueryParameters& query, const v1::Dataset& dat
     RequireError(histogram.status(), {absl::StatusCode::kInvalidArgument});
   } else {
     Require(histogram->max_bin_count() <= 4096, "a histogram has few bins");
+  }
+}
+
+void ReadFilm(const gateway::QueryParameters& query, const v1::Dataset& dataset) {
+  const auto film = gateway::FilmQueryFromQuery(query, dataset);
+  if (!film.ok()) {
+    RequireError(film.status(), {absl::StatusCode::kInvalidArgument});
+    return;
+  }
+  if (gateway::CheckFilm(client::AnimationFormat::kWebp, *film).ok()) {
+    v1::RenderIsosurfaceRequest last = film->first;
+    const int count = film->sweep.frame_count();
+    Require(count <= gateway::kMaxFilmFrames, "a film has few frames");
+    const absl::Status status = client::SetFrame(film->sweep, count - 1, &last);
+    if (!status.ok()) {
+      RequireError(status, {absl::StatusCode::kInvalidArgument});
+    }
   }
 }
 
@@ -108,6 +126,7 @@ void ReadTarget(absl::string_view text) {
     }
   }
   ReadHistogram(target->query, dataset);
+  ReadFilm(target->query, dataset);
 }
 
 void ReadMessage(absl::string_view text) {

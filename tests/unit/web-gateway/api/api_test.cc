@@ -4,6 +4,8 @@
 #include "web-gateway/api/api.h"
 
 #include <cstddef>
+#include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <utility>
@@ -24,6 +26,7 @@
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
 #include "tests/unit/web-gateway/header_of.h"
 
 namespace isoscope::gateway {
@@ -113,9 +116,17 @@ class Datasets final : public v1::DatasetService::Service {
 class Surfaces final : public v1::IsosurfaceService::Service {
  public:
   grpc::Status RenderIsosurfaceStream(
-      grpc::ServerContext* /*context*/, const v1::RenderIsosurfaceStreamRequest* request,
+      grpc::ServerContext* context, const v1::RenderIsosurfaceStreamRequest* request,
       grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* writer) override {
     ++picture_count;
+    requests.push_back(request->request());
+    if (picture_count == endless_picture) {
+      is_endless.Notify();
+      while (!context->IsCancelled()) {
+        absl::SleepFor(absl::Milliseconds(1));
+      }
+      return grpc::Status::CANCELLED;
+    }
     v1::RenderIsosurfaceStreamResponse message;
     message.mutable_part()->set_png(png);
     *message.mutable_part()->mutable_camera() = camera;
@@ -130,6 +141,9 @@ class Surfaces final : public v1::IsosurfaceService::Service {
   std::string png = "a picture";
   v1::Camera camera;
   int picture_count = 0;
+  std::vector<v1::RenderIsosurfaceRequest> requests;  // in order
+  int endless_picture = 0;                            // the one that ends by cancellation alone
+  absl::Notification is_endless;
 };
 
 class ApiTest : public ::testing::Test {
@@ -338,6 +352,118 @@ TEST_F(ApiTest, APictureThatCantBeDrawnOverIsAnError) {
   EXPECT_EQ(surfaces_.picture_count, 1) << "the second one was not asked for";
 }
 
+TEST_F(ApiTest, AWebpIsAnotherAnswerWithTheSamePixels) {
+  surfaces_.png = image::EncodePng(8, 8, std::vector<image::Rgba8>(64, image::Rgba8{9, 8, 7, 255}));
+  const std::string plain = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  const HttpResponse png = Get(plain);
+  const HttpResponse webp = Get(absl::StrCat(plain, "&format=webp"));
+  ASSERT_EQ(webp.status, 200) << webp.body;
+  EXPECT_EQ(webp.content_type, "image/webp");
+  EXPECT_EQ(webp.body.substr(8, 8), "WEBPVP8L");
+  EXPECT_NE(HeaderOf(webp, "ETag"), HeaderOf(png, "ETag"));
+  EXPECT_EQ(Get(absl::StrCat(plain, "&format=webp"), HeaderOf(webp, "ETag")).status, 304);
+  EXPECT_EQ(Get(absl::StrCat(plain, "&format=webp&record")).status, 400);
+}
+
+// Films whose files are in a folder of the test.
+class FilmTest : public ApiTest {
+ protected:
+  FilmTest() {
+    setenv("TMPDIR", folder_.path().c_str(), /*replace=*/1);
+    surfaces_.png = image::EncodePng(64, 48, std::vector<image::Rgba8>(std::size_t{64} * 48));
+    surfaces_.camera.mutable_eye()->set_z(9);
+    surfaces_.camera.mutable_target();
+    surfaces_.camera.mutable_up()->set_y(1);
+    surfaces_.camera.mutable_perspective()->set_fov_y_degrees(30);
+  }
+  ~FilmTest() override { unsetenv("TMPDIR"); }
+
+  [[nodiscard]] bool HasFiles() const { return !std::filesystem::is_empty(folder_.path()); }
+
+  testing::TempDir folder_;
+};
+
+constexpr char kFilm[] = "/v1/datasets/head/film.webp?isovalue=1&width=64&height=48";
+
+TEST_F(FilmTest, AFilmIsOnePictureOfEachFrameInAFile) {
+  datasets_.step_count = 4;
+  surfaces_.png = image::EncodePng(64, 48, std::vector<image::Rgba8>(std::size_t{64} * 48));
+  const HttpResponse film = Get(absl::StrCat(kFilm, "&step=0:last:2&field=velocity"));
+  ASSERT_EQ(film.status, 200) << film.body;
+  EXPECT_EQ(film.content_type, "image/webp");
+  EXPECT_EQ(HeaderOf(film, "Cache-Control"), "no-store");
+  ASSERT_EQ(surfaces_.requests.size(), 2U);
+  EXPECT_EQ(surfaces_.requests[0].selection().time_step(), 0);
+  EXPECT_EQ(surfaces_.requests[1].selection().time_step(), 2);
+  EXPECT_GT(std::filesystem::file_size(film.file_path), 20U);
+  RemoveTemporaryFile(film.file_path);
+  EXPECT_FALSE(HasFiles());
+}
+
+// Symptom: a step that was appended meanwhile came into a turn of the last step.
+TEST_F(FilmTest, AllFramesAreOfOneDatasetAndOfTheStepThatWasTheLast) {
+  datasets_.step_count = 3;
+  const HttpResponse film = Get(absl::StrCat(kFilm, "&repeat=2&orbit=9&field=velocity"));
+  ASSERT_EQ(film.status, 200) << film.body;
+  RemoveTemporaryFile(film.file_path);
+  ASSERT_EQ(surfaces_.requests.size(), 2U);
+  for (const v1::RenderIsosurfaceRequest& request : surfaces_.requests) {
+    EXPECT_EQ(request.dataset_id(), "0123");
+    EXPECT_EQ(request.selection().time_step(), 2);
+    EXPECT_TRUE(request.selection().has_time_step());
+  }
+}
+
+TEST_F(FilmTest, AClientThatLeavesEndsTheFrameInWorkAndTheFile) {
+  surfaces_.endless_picture = 2;
+  HttpRequest request;
+  request.target = *ParseTarget(absl::StrCat(kFilm, "&repeat=3"));
+  const auto scope = std::make_shared<RequestScope>();
+  HttpResponse response;
+  absl::Notification answered;
+  api_->Answer(std::move(request), scope, [&](HttpResponse answer) {
+    response = std::move(answer);
+    answered.Notify();
+  });
+  surfaces_.is_endless.WaitForNotification();
+  EXPECT_TRUE(HasFiles());
+  scope->Cancel();
+  answered.WaitForNotification();
+  EXPECT_EQ(response.status, 499);
+  EXPECT_FALSE(HasFiles());
+  AwaitPlaces();
+  EXPECT_EQ(surfaces_.picture_count, 2);
+}
+
+TEST_F(FilmTest, HeadOfAFilmEndsWithItsFirstFrame) {
+  HttpRequest request;
+  request.target = *ParseTarget(absl::StrCat(kFilm, "&repeat=3"));
+  request.is_head = true;
+  HttpResponse response;
+  absl::Notification answered;
+  api_->Answer(std::move(request), std::make_shared<RequestScope>(), [&](HttpResponse answer) {
+    response = std::move(answer);
+    answered.Notify();
+  });
+  answered.WaitForNotification();
+  EXPECT_EQ(response.status, 200);
+  EXPECT_EQ(response.content_type, "image/webp");
+  EXPECT_TRUE(response.has_unknown_length);
+  EXPECT_EQ(surfaces_.picture_count, 1);
+  EXPECT_FALSE(HasFiles());
+}
+
+TEST_F(FilmTest, AFilmThatCantBeIsRefusedBeforeItsFirstFrame) {
+  EXPECT_THAT(Get(absl::StrCat(kFilm, "&repeat=721")).body, HasSubstr("limit is 720"));
+  EXPECT_THAT(Get(absl::StrCat(kFilm, "&legend")).body, HasSubstr("color-by"));
+  EXPECT_EQ(Get(absl::StrCat(kFilm, "&orbit=3")).status, 400);
+  EXPECT_EQ(surfaces_.picture_count, 0);
+  surfaces_.png = "no PNG";
+  EXPECT_GE(Get(absl::StrCat(kFilm, "&repeat=2")).status, 400);
+  EXPECT_EQ(surfaces_.picture_count, 1);
+  EXPECT_FALSE(HasFiles());
+}
+
 TEST_F(ApiTest, HistogramsAreOfAFieldAndAStep) {
   datasets_.step_count = 3;
   EXPECT_EQ(Get("/v1/datasets/head/histogram?bins=8&field=velocity:x&step=1").body,
@@ -352,7 +478,9 @@ TEST_F(ApiTest, PlacesForPicturesComeBackHoweverTheyEnd) {
        {"/v1/datasets/head/render?isovalue=1&width=8&height=8",
         "/v1/datasets/none/render?isovalue=1", "/v1/datasets/head/render?isovalue=x",
         "/v1/datasets/head/render?isovalue=1&width=8&height=8&axes",
-        "/v1/datasets/head/mesh.stl?isovalue=1&color=teal"}) {
+        "/v1/datasets/head/mesh.stl?isovalue=1&color=teal",
+        "/v1/datasets/head/film.apng?isovalue=1&width=8&height=8&repeat=2",
+        "/v1/datasets/head/film.apng?isovalue=1&orbit=2"}) {
     EXPECT_NE(Get(target).status, 429);
     AwaitPlaces();
     ASSERT_EQ(api_->pictures_in_work(), 0) << target;

@@ -107,6 +107,18 @@ TEST(OpenApiTest, TypesAreThoseThatTheReadersTake) {
   }
 }
 
+TEST(OpenApiTest, AFilmTakesRangesAndRatesThatAreNotWhole) {
+  const Json parameters = ParametersOf(Document()["paths"]["/v1/datasets/{name}/film.webp"]["get"]);
+  EXPECT_EQ(parameters["isovalue"]["schema"]["type"], "string") << "a number, or A:B:STEP";
+  EXPECT_EQ(parameters["step"]["schema"]["type"], "string");
+  EXPECT_EQ(parameters["repeat"]["schema"]["type"], "integer");
+  EXPECT_EQ(parameters["orbit"]["schema"]["type"], "number");
+  EXPECT_EQ(parameters["fps"]["schema"]["type"], "number");
+  for (const char* const none : {"format", "quality", "record"}) {
+    EXPECT_FALSE(parameters.contains(none)) << none;
+  }
+}
+
 TEST(OpenApiTest, TheDocumentIsTheSameForOneVersion) {
   EXPECT_EQ(OpenApiDocument(), OpenApiDocument());
   EXPECT_TRUE(Document()["info"]["version"].is_string());

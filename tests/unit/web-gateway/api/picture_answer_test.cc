@@ -10,6 +10,7 @@
 #include "google/protobuf/text_format.h"
 #include "gtest/gtest.h"
 
+#include "core/image/png_codec.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::gateway {
@@ -55,6 +56,18 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, StartsWith(c.error)));
     }
   }
+}
+
+TEST(PictureAnswerTest, APngBecomesAWebpOrStaysAsItIs) {
+  HttpResponse response;
+  response.content_type = "image/png";
+  response.body = image::EncodePng(2, 1, std::vector<image::Rgba8>(2));
+  ISOSCOPE_ASSERT_OK(ConvertToWebp(&response));
+  EXPECT_EQ(response.content_type, "image/webp");
+  EXPECT_THAT(response.body, StartsWith("RIFF"));
+  response = {.content_type = "image/png", .body = "no PNG"};
+  EXPECT_FALSE(ConvertToWebp(&response).ok());
+  EXPECT_EQ(response.body, "no PNG");
 }
 
 TEST(PictureAnswerTest, TheAnswerHasTheOutputThatWasAskedFor) {

@@ -43,6 +43,7 @@ v1::RenderIsosurfaceResponse Answer() {
 
 PictureExtras Axes() { return {.annotations = {.has_axes = true}}; }
 PictureExtras Record() { return {.has_record = true}; }
+PictureExtras Webp() { return {.is_webp = true}; }
 
 TEST(PictureExtrasTest, WithoutExtrasThereIsNothingToRefuseAndNoKey) {
   EXPECT_THAT(CheckExtras({}, Request("culling: CULLING_MASK"), ""), IsOk());
@@ -69,6 +70,11 @@ TEST(PictureExtrasTest, WhatAnAnswerCantHaveIsRefusedBeforeItIsDrawn) {
        "color-by"},
       {Record(), "culling: CULLING_MASK", "cpu 1", absl::StatusCode::kInvalidArgument, "mask"},
       {Record(), "", "", absl::StatusCode::kFailedPrecondition, "record"},
+      {{.has_record = true, .is_webp = true},
+       "",
+       "cpu 1",
+       absl::StatusCode::kInvalidArgument,
+       "format=webp"},
   };
   for (const auto& c : cases) {
     EXPECT_THAT(CheckExtras(c.extras, Request(c.request), c.revision),
@@ -91,15 +97,28 @@ TEST(PictureExtrasTest, LargePicturesAreNotDrawnOver) {
   request.mutable_viewport()->set_height_px(4097);
   EXPECT_THAT(CheckExtras(Axes(), request, "cpu 1"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("33562624 pixels")));
+  EXPECT_THAT(CheckExtras(Webp(), request, "cpu 1"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("33562624 pixels")));
   EXPECT_THAT(CheckExtras(Record(), request, "cpu 1"), IsOk()) << "a record needs no pixels";
   request.mutable_region()->set_width_px(64);
   request.mutable_region()->set_height_px(64);
   EXPECT_THAT(CheckExtras(Axes(), request, "cpu 1"), IsOk());
 }
 
+TEST(PictureExtrasTest, AWebpHasTheSidesOfItsFormat) {
+  v1::RenderIsosurfaceRequest request = Request();
+  request.mutable_viewport()->set_height_px(16383);
+  EXPECT_THAT(CheckExtras(Webp(), request, ""), IsOk());
+  request.mutable_viewport()->set_height_px(16384);
+  EXPECT_THAT(CheckExtras(Webp(), request, ""),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("256 x 16384")));
+}
+
 TEST(PictureExtrasTest, KeysDifferWhereBytesMay) {
   const PictureExtras all[] = {Axes(),
                                Record(),
+                               Webp(),
+                               {.annotations = {.has_axes = true}, .is_webp = true},
                                {.annotations = {.has_scale_bar = true}},
                                {.annotations = {.has_legend = true}},
                                {.annotations = {.caption = "axes"}},

@@ -246,6 +246,79 @@ TEST(RenderQueryTest, DepthIsAPlaneWithoutAPicture) {
   EXPECT_TRUE(request->output().depth());
 }
 
+// The coordinator knows no WebP: the gateway makes it of the PNG.
+TEST(RenderQueryTest, AWebpAsksForThePngOfTheSamePicture) {
+  const absl::StatusOr<PictureQuery> webp =
+      PictureQueryFromQuery({{"isovalue", "60"}, {"format", "webp"}}, MakeDataset());
+  const absl::StatusOr<PictureQuery> png =
+      PictureQueryFromQuery({{"isovalue", "60"}}, MakeDataset());
+  ASSERT_THAT(webp, IsOk());
+  ASSERT_THAT(png, IsOk());
+  EXPECT_TRUE(webp->extras.is_webp);
+  EXPECT_FALSE(png->extras.is_webp);
+  EXPECT_EQ(webp->request.SerializeAsString(), png->request.SerializeAsString());
+}
+
+v1::Dataset MakeSteps() {
+  v1::Dataset dataset = MakeSeries();
+  for (const int number : {0, 1, 2, 5}) {
+    dataset.add_time_steps()->set_number(number);
+  }
+  return dataset;
+}
+
+absl::StatusOr<FilmQuery> ParseFilm(const std::string& query) {
+  const absl::StatusOr<Target> target = ParseTarget(absl::StrCat("/?", query));
+  EXPECT_THAT(target, IsOk());
+  return FilmQueryFromQuery(target->query, MakeSteps());
+}
+
+TEST(RenderQueryTest, AFilmBeginsWithThePictureOfTheSameParameters) {
+  const std::string same = "width=64&height=48&azimuth=30&color-by=z&samples=4&fit=surface";
+  const absl::StatusOr<FilmQuery> film =
+      ParseFilm(absl::StrCat(same, "&isovalue=60:80:10&orbit=5&fps=2.5&axes&caption=a"));
+  ASSERT_THAT(film, IsOk());
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> picture =
+      ParseFor(absl::StrCat(same, "&isovalue=60"), MakeSteps());
+  ASSERT_THAT(picture, IsOk());
+  EXPECT_EQ(film->first.SerializeAsString(), picture->SerializeAsString());
+  EXPECT_EQ(film->sweep.frame_count(), 3);
+  EXPECT_EQ(film->sweep.fps(), 2.5);
+  EXPECT_TRUE(film->annotations.has_axes);
+  EXPECT_EQ(film->annotations.caption, "a");
+}
+
+TEST(RenderQueryTest, AFilmOfStepsHasThoseThatAreServedAndTellsTheirTimes) {
+  const absl::StatusOr<FilmQuery> film = ParseFilm("isovalue=60&step=1:last:2");
+  ASSERT_THAT(film, IsOk());
+  EXPECT_THAT(film->sweep.steps, ElementsAre(1, 5));
+  EXPECT_EQ(film->first.selection().time_step(), 1);
+  EXPECT_EQ(film->annotations.caption, "{time}");
+  EXPECT_EQ(ParseFilm("isovalue=60&step=0:2&caption=t")->annotations.caption, "t");
+  EXPECT_FALSE(ParseFilm("isovalue=60&step=2&repeat=3")->annotations.caption.has_value());
+}
+
+TEST(RenderQueryTest, WrongFilmsSayWhy) {
+  const struct {
+    std::string query;
+    std::string said;
+  } cases[] = {{"repeat=3", "isovalue V is missing"},
+               {"isovalue=1:3", "START:STOP:STEP"},
+               {"isovalue=1:3:1&repeat=2", "repeat can't be used"},
+               {"isovalue=1&orbit=5", "it needs repeat N"},
+               {"isovalue=1&step=0:2&repeat=2", "leave repeat out"},
+               {"isovalue=1&step=0:2&time=1", "time and step exclude"},
+               {"isovalue=1&step=3:4", "step names no step that is served"},
+               {"isovalue=1&fps=0", "0.1 to 120"},
+               {"isovalue=1&format=png", "no parameter 'format'"},
+               {"isovalue=1&record", "no parameter 'record'"}};
+  for (const auto& c : cases) {
+    EXPECT_THAT(ParseFilm(c.query).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(c.said)))
+        << c.query;
+  }
+}
+
 TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
   const struct {
     std::string query;
@@ -266,7 +339,7 @@ TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
       {"isovalue=60&view=anterior", {"patient"}},
       {"isovalue=60&fit=all", {"fit", "surface"}},
       {"isovalue=60&eye=1,2,3&azimuth=3", {"eye", "azimuth"}},
-      {"isovalue=60&format=gif", {"format", "'gif'", "png, jpeg, depth"}},
+      {"isovalue=60&format=gif", {"format", "'gif'", "png, jpeg, webp, depth"}},
       {"isovalue=60&format=jpeg&quality=0", {"quality", "1 to 100"}},
       {"isovalue=60&quality=90", {"quality", "format=jpeg"}},
       {"isovalue=60&samples=5", {"samples", "1, 4, 9, 16"}},

@@ -55,13 +55,23 @@ TEST(RoutesTest, EachFormatOfMeshesHasAnAddress) {
   }
 }
 
+TEST(RoutesTest, EachFormatOfFilmsHasAnAddress) {
+  for (const client::AnimationFormat format : client::kAnimationFormats) {
+    const FoundRoute found =
+        FindRoute("GET", {"v1", "datasets", "d", "film." + std::string(client::NameOf(format))});
+    ASSERT_NE(found.operation, nullptr);
+    EXPECT_EQ(found.operation->film_format, format);
+    EXPECT_EQ(found.operation->media_types[0], "image/" + std::string(client::NameOf(format)));
+  }
+}
+
 // A place is what --max-pictures counts.
 TEST(RoutesTest, WhatCostsWorkTakesAPlace) {
   for (const Operation& operation : Operations()) {
-    const bool is_work = operation.endpoint == Endpoint::kPicture ||
-                         operation.endpoint == Endpoint::kPostedPicture ||
-                         operation.endpoint == Endpoint::kPick ||
-                         operation.endpoint == Endpoint::kMesh;
+    const bool is_work =
+        operation.endpoint == Endpoint::kPicture ||
+        operation.endpoint == Endpoint::kPostedPicture || operation.endpoint == Endpoint::kPick ||
+        operation.endpoint == Endpoint::kMesh || operation.endpoint == Endpoint::kFilm;
     EXPECT_EQ(operation.takes_place(), is_work) << operation.name;
     const bool names_dataset = operation.path.find("{name}") != std::string::npos;
     EXPECT_EQ(operation.is_of_dataset(), names_dataset) << operation.name;

@@ -11,6 +11,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <webp/decode.h>
 #include <webp/demux.h>
 
 #include "clients/cpp/picture_file/apng_writer.h"
@@ -168,6 +169,35 @@ TEST(AnimationWriterTest, WebpHoldsEachFramesPixelsAndTimes) {
   }
 }
 
+// Readers that put pictures together into a film look for the one image of each.
+TEST(AnimationWriterTest, ASinglePictureIsOneLosslessImage) {
+  for (const bool with_alpha : {false, true}) {
+    const image::RgbaImage expected = Frame(0, with_alpha);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string webp, WebpOfPng(PngOf(expected)));
+    EXPECT_EQ(webp.substr(0, 4), "RIFF");
+    EXPECT_EQ(webp.substr(8, 8), "WEBPVP8L");
+    int width = 0;
+    int height = 0;
+    std::uint8_t* const pixels = WebPDecodeRGBA(reinterpret_cast<const std::uint8_t*>(webp.data()),
+                                                webp.size(), &width, &height);
+    ASSERT_NE(pixels, nullptr);
+    EXPECT_EQ(width, kWidth);
+    EXPECT_EQ(height, kHeight);
+    EXPECT_EQ(std::memcmp(pixels, expected.pixels.data(), expected.pixels.size() * 4), 0);
+    WebPFree(pixels);
+    EXPECT_EQ(webp, WebpOfPng(PngOf(expected)).value()) << "the same bytes each time";
+  }
+  EXPECT_THAT(WebpOfPng("no PNG"), StatusIs(absl::StatusCode::kDataLoss));
+}
+
+TEST(AnimationWriterTest, ASinglePictureIsAtMostAsLargeAsTheFormatAllows) {
+  const int side = kMaxWebpSidePx + 1;
+  const std::vector<image::Rgba8> pixels(static_cast<std::size_t>(side),
+                                         image::Rgba8{1, 2, 3, 255});
+  EXPECT_THAT(WebpOfPng(image::EncodePng(side, 1, pixels)),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
 TEST(AnimationWriterTest, OneFrameIsAnAnimation) {
   const TempDir folder;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string apng,
@@ -196,6 +226,9 @@ TEST(AnimationWriterTest, WrongFramesAreRefusedAndNothingIsLeftBehind) {
 TEST(AnimationWriterTest, NamesAndSizesDecideTheFormat) {
   EXPECT_TRUE(IsAnimationName("a.apng"));
   EXPECT_TRUE(IsAnimationName("a.WebP"));
+  for (const AnimationFormat format : kAnimationFormats) {
+    EXPECT_TRUE(IsAnimationName("a." + std::string(NameOf(format))));
+  }
   EXPECT_FALSE(IsAnimationName("a.png"));
   EXPECT_FALSE(IsAnimationName("apng"));
   ISOSCOPE_EXPECT_OK(CheckAnimationSize("a.webp", kMaxWebpSidePx, 1));
