@@ -823,7 +823,7 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
 TEST_F(GatewayTest, ViewServesSeveralInputsAndBeginsWithTheFirst) {
   const testing::ProcessOptions options{.environment = {"XDG_CACHE_HOME=" + folder_->Sub("cache")}};
   const std::string volume = folder_->Sub("other.nrrd");
-  const auto made = testing::RunIsoscope({"generate", "ball", "--dims", "9,9,9", "-o", volume});
+  const auto made = testing::RunIsoscope({"generate", "shells", "--dims", "9,9,9", "-o", volume});
   ASSERT_EQ(made.exit_code, 0) << made.err;
   std::vector<std::string> arguments = {
       "view", folder_->Sub("d"), volume,        "--no-open",  "--renderer", "cpu", "--threads",
