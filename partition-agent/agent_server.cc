@@ -42,6 +42,7 @@
 #include "partition-agent/shard_set.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_time.h"
+#include "rpc/reflection_v1.h"
 
 namespace isoscope::agent {
 namespace {
@@ -234,7 +235,9 @@ class AgentServerImpl final : public AgentServer {
     rpc::EnableServerPlugins();
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder);
-    if (!options.has_reflection) {
+    if (options.has_reflection) {
+      rpc::AddReflectionV1(&builder);
+    } else {
       rpc::RemoveReflection(&builder);
     }
     builder.RegisterService(&service_);

@@ -28,6 +28,7 @@
 #include "rpc/certificate_watch.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_time.h"
+#include "rpc/reflection_v1.h"
 #include "server/access/access_control.h"
 #include "server/access/audit_log.h"
 #include "server/admission/coordinator_memory.h"
@@ -45,9 +46,9 @@ namespace {
 // Features of this server beyond the first version that clients may use; ascending. proto/README.md
 // explains each name.
 constexpr std::array<const char*, 13> kFeatures = {
-    "bands",           "closed_meshes", "color_ranges", "dataset_id",   "draining_agents",
-    "error_info",      "fit_cells",     "label_values", "labels",       "nan_color",
-    "notes",           "pages",         "smooth_labels"};
+    "bands",      "closed_meshes", "color_ranges", "dataset_id", "draining_agents",
+    "error_info", "fit_cells",     "label_values", "labels",     "nan_color",
+    "notes",      "pages",         "smooth_labels"};
 
 isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
   isoscope::v1::GetCapabilitiesResponse capabilities;
@@ -151,7 +152,9 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     rpc::EnableServerPlugins();
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder, rpc::kMaxPublicRequestBytes);
-    if (!options.has_reflection) {
+    if (options.has_reflection) {
+      rpc::AddReflectionV1(&builder);
+    } else {
       rpc::RemoveReflection(&builder);
     }
     builder.RegisterService(&isosurface_service_);

@@ -13,7 +13,7 @@ python3 tools/check_clocks.py
 
 # clang-tidy needs compile_commands.json and generated headers.
 cmake --preset clang --log-level=WARNING -DISOSCOPE_PRECOMPILED_HEADERS=OFF
-cmake --build --preset clang --target isoscope_proto
+cmake --build --preset clang --target isoscope_proto isoscope_reflection_proto
 # Debian's ITK headers refuse every compiler but GCC; this one source of those that include them is left out.
 sources=('*.cc' ':!tests/fuzz' ':!core/source/child/itk_types.cc')
 if [ "$base" = --all ]; then

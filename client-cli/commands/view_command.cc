@@ -1,9 +1,9 @@
-// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--label SET] [--listen HOST:PORT]
+// isoscope view INPUT... | DIR... | --server HOST:PORT [--isovalue V] [--label SET] [--listen HOST:PORT]
 //   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE] [--allow-origin ORIGIN]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 //
-// 1. A session connects to the server, or starts a cluster in this process.
-// 2. The isovalue to begin with is chosen from the histogram, unless it or labels are given. A
+// 1. A session connects to the server, or starts a cluster in this process for all inputs.
+// 2. The first input is shown; the page lists all. Its isovalue to begin with is chosen from the histogram, unless it or labels are given. A
 //    segmentation begins with labels.
 // 3. --terminal runs the viewer of this terminal (terminal/terminal_viewer). Otherwise a gateway
 //    starts, and a browser opens its page, through a RedirectFile because the address holds a
@@ -72,6 +72,7 @@ constexpr absl::Duration kClosingGrace = absl::Seconds(2);
 
 struct ViewFlags {
   SessionFlags session;
+  std::vector<std::string> inputs;  // moved to `session` before it is used
   std::optional<double> isovalue;
   client::LabelFlags label;
   std::optional<std::string> listen_address;
@@ -265,7 +266,27 @@ std::string TextOf(const client::LabelSurface& surface, const client::LabelValue
   return text;
 }
 
-absl::Status Run(const ViewFlags& flags, const Context& context) {
+// Gives the session the inputs.
+absl::Status TakeInputs(ViewFlags* flags) {
+  std::vector<std::string>& inputs = flags->inputs;
+  for (const std::string& input : inputs) {
+    if (input.empty()) {
+      return UsageError("an input is empty: give a volume or a dataset folder");
+    }
+  }
+  if (flags->is_in_terminal && inputs.size() > 1) {
+    return UsageError(absl::StrCat("--terminal shows one input, not ", inputs.size(),
+                                   ": give one of them, or leave --terminal out"));
+  }
+  if (!inputs.empty()) {
+    flags->session.input = inputs.front();
+    flags->session.more_inputs.assign(inputs.begin() + 1, inputs.end());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Run(ViewFlags flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(TakeInputs(&flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckListen(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckTerminalUsage(flags));
@@ -317,6 +338,11 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
 Action RegisterViewFlags(FlagSet* set) {
   const auto flags = std::make_shared<ViewFlags>();
   AddSessionFlags(set, &flags->session);
+  set->Remove("input");  // there may be several
+  set->AddTexts("input", "INPUT|DIR", &flags->inputs,
+                "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset "
+                "folder; several, for the page to change between: --isovalue, --label and "
+                "--labels are for the first, flags of volumes for all");
   AddRendererFlag(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level to begin with, in field units (default: one that the samples suggest, unless "
@@ -391,10 +417,11 @@ std::string ViewAddress(absl::string_view page, const std::string& dataset,
 Command ViewCommand() {
   return {.name = "view",
           .summary = "Shows an isosurface to be turned: in the browser, or in the terminal",
-          .usage = "INPUT | DIR | --server HOST:PORT [OPTIONS]",
+          .usage = "INPUT... | DIR... | --server HOST:PORT [OPTIONS]",
           .examples =
               "  isoscope view head.nii.gz\n"
               "  isoscope view head.nii.gz --isovalue 60 --listen 127.0.0.1:9000 --no-open\n"
+              "  isoscope view before.nii.gz after.nii.gz\n"
               "  isoscope view --server localhost:50051 --dataset head\n"
               "  isoscope view body.seg.nrrd --labels all\n"
               "  isoscope view head.nii.gz --terminal\n"

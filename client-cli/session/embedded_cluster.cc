@@ -4,7 +4,8 @@
 //
 // Start:
 //
-//   1. All shards must be there, because no other machine could serve them.
+//   1. All shards of all datasets must be there, because no other machine could serve them. A frame
+//      draws one dataset: what depends on the number of shards takes the most of a dataset.
 //   2. With at least two shards a thread, each step draws with one thread; else with all.
 //   3. Agents open their shards, then AgentMemory::Settle sizes the cache.
 //   4. The coordinator starts, and waits until it knows all agents.
@@ -60,6 +61,26 @@ absl::Status CheckAllShardsPresent(const std::vector<std::string>& shard_directo
                    "); serve them where they are with isoscope-agent, or copy them back"));
 }
 
+struct ShardsToServe {
+  std::vector<std::string> directories;   // of all datasets
+  std::size_t most_count_of_dataset = 0;  // the agents that draw a frame, at most
+};
+
+absl::StatusOr<ShardsToServe> FindShards(const EmbeddedClusterOptions& options) {
+  std::vector<std::string> datasets = {options.dataset_directory};
+  datasets.insert(datasets.end(), options.more_dataset_directories.begin(),
+                  options.more_dataset_directories.end());
+  ShardsToServe found;
+  for (const std::string& dataset : datasets) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
+                              store::ShardDirectoriesOf(dataset));
+    ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shards, dataset));
+    found.directories.insert(found.directories.end(), shards.begin(), shards.end());
+    found.most_count_of_dataset = std::max(found.most_count_of_dataset, shards.size());
+  }
+  return found;
+}
+
 // Without agents, and without what they share with the coordinator.
 server::CoordinatorServerOptions CoordinatorOptionsOf(const EmbeddedClusterOptions& options) {
   server::CoordinatorServerOptions coordinator_options;
@@ -86,10 +107,8 @@ absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text) {
 
 absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     const EmbeddedClusterOptions& options) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shard_directories,
-                            store::ShardDirectoriesOf(options.dataset_directory));
   // 1. All shards are there.
-  ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(shard_directories, options.dataset_directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(const ShardsToServe shards, FindShards(options));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
   const std::shared_ptr<base::TaskArena> arena =
@@ -97,7 +116,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
 
   // 2. With at least two agents a thread, no thread is idle for long while the last one draws.
   const bool one_thread_a_step =
-      shard_directories.size() >= 2 * static_cast<std::size_t>(arena->max_concurrency());
+      shards.most_count_of_dataset >= 2 * static_cast<std::size_t>(arena->max_concurrency());
   arena->SetSharesThreads(one_thread_a_step);
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
@@ -139,7 +158,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   agent_options.one_thread_a_step = one_thread_a_step;
   agent_options.hides_paths = !options.listen_address.empty();
   // 3. Agents open their shards; then the cache gets its size.
-  for (const std::string& directory : shard_directories) {
+  for (const std::string& directory : shards.directories) {
     agent_options.directories = {directory};
     ISOSCOPE_ASSIGN_OR_RETURN(cluster->agents_.emplace_back(),
                               agent::AgentServer::Start(agent_options));
@@ -158,8 +177,8 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle(expected));
   if (options.expected_viewport) {
     // Images go to the coordinator, which still holds those of step 2 while step 3 draws.
-    cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),
-                                2 * cluster->shard_count());
+    const int count = static_cast<int>(shards.most_count_of_dataset);
+    cluster->renderer_->Prepare(*options.expected_viewport, count, 2 * count);
   }
   // 4. The coordinator waits for all agents.
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,

@@ -1,5 +1,5 @@
-// A coordinator and one agent for each shard of a dataset, in this process: the same servers as
-// isoscope-coordinator and isoscope-agent run, joined by in-process channels.
+// A coordinator and one agent for each shard of one or several datasets, in this process: the same
+// servers as isoscope-coordinator and isoscope-agent run, joined by in-process channels.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_EMBEDDED_CLUSTER_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_EMBEDDED_CLUSTER_H_
@@ -39,6 +39,8 @@ namespace isoscope::cli {
 
 struct EmbeddedClusterOptions {
   std::string dataset_directory;
+  // Further datasets, of other names.
+  std::vector<std::string> more_dataset_directories = {};
   render::RendererKind renderer = render::RendererKind::kAuto;
   // Threads that extract and draw, for all agents together; 0: one for each core.
   int thread_count = 0;

@@ -10,11 +10,13 @@
 
 #include "client-cli/session/session.h"
 
+#include <map>
 #include <ostream>
 #include <set>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/session/cache_entry.h"
@@ -190,6 +192,26 @@ absl::StatusOr<CachedDataset> PrepareSource(const SessionFlags& flags, const Wan
   return dataset;
 }
 
+// The name by which clients ask for the dataset of a directory.
+absl::StatusOr<std::string> NameOf(const std::string& directory) {
+  if (store::IsSeriesDirectory(directory)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesDescription series, store::OpenSeries(directory));
+    return series.manifest.name;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
+                            store::OpenDataset(directory));
+  return description.manifest.name;
+}
+
+// The same error, which names the input that has it.
+absl::Status OfInput(const std::string& input, const absl::Status& status) {
+  if (status.ok() || absl::StrContains(status.message(), input)) {
+    return status;
+  }
+  const std::string message = absl::StrCat("'", input, "': ", status.message());
+  return IsUsageError(status) ? UsageError(message) : absl::Status(status.code(), message);
+}
+
 // A dataset directory, as it is.
 absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags, const Context& context) {
   const std::string& input = *flags.input;
@@ -280,6 +302,9 @@ absl::Status CheckUsage(const SessionFlags& flags) {
   if (flags.dataset) {
     return UsageError("--dataset is for --server; a file or folder is one dataset");
   }
+  for (const std::string& input : flags.more_inputs) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, input));
+  }
   return CheckUsage(flags.source, *flags.input);
 }
 
@@ -312,8 +337,12 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
     return session;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(session->dataset_, PrepareInput(flags, wanted, context));
+  ISOSCOPE_RETURN_IF_ERROR(session->PrepareMore(flags, wanted, context));
   EmbeddedClusterOptions options;
   options.dataset_directory = session->dataset_.directory;
+  for (const CachedDataset& dataset : session->more_datasets_) {
+    options.more_dataset_directories.push_back(dataset.directory);
+  }
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
@@ -328,6 +357,31 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   session->client_ = std::make_unique<client::ServiceClient>(session->cluster_->Channel(), "",
                                                              context.interrupt, "");
   return session;
+}
+
+absl::Status Session::PrepareMore(const SessionFlags& flags, const WantedVolumes* wanted,
+                                  const Context& context) {
+  if (flags.more_inputs.empty()) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(dataset_name_, NameOf(dataset_.directory));
+  std::map<std::string, std::string> inputs = {{dataset_name_, *flags.input}};  // by name
+  for (const std::string& input : flags.more_inputs) {
+    SessionFlags of_input = flags;
+    of_input.input = input;
+    absl::StatusOr<CachedDataset> prepared = PrepareInput(of_input, wanted, context);
+    ISOSCOPE_RETURN_IF_ERROR(OfInput(input, prepared.status()));
+    more_datasets_.push_back(*std::move(prepared));
+    const absl::StatusOr<std::string> name = NameOf(more_datasets_.back().directory);
+    ISOSCOPE_RETURN_IF_ERROR(OfInput(input, name.status()));
+    const auto [same, is_new] = inputs.emplace(*name, input);
+    if (!is_new) {
+      return UsageError(absl::StrCat(
+          "'", same->second, "' and '", input, "' are both the dataset \"", *name,
+          "\": leave one out, or give one another name by 'isoscope partition' into a folder"));
+    }
+  }
+  return absl::OkStatus();
 }
 
 const std::shared_ptr<grpc::Channel>& Session::channel() const { return client_->channel(); }

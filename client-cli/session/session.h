@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -40,9 +41,10 @@ namespace isoscope::cli {
 class EmbeddedCluster;
 
 struct SessionFlags {
-  std::optional<std::string> input;   // source volume or dataset directory
-  std::optional<std::string> server;  // HOST:PORT
-  ConnectionFlags connection;         // for the server
+  std::optional<std::string> input;      // source volume or dataset directory
+  std::vector<std::string> more_inputs;  // served with it; the flags of a source are for all
+  std::optional<std::string> server;     // HOST:PORT
+  ConnectionFlags connection;            // for the server
   std::optional<std::string> dataset;
   SourceFlags source;
   std::optional<std::int64_t> shard_count;
@@ -84,9 +86,10 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Want
 // Requests frames of one dataset. Thread-safe.
 class Session {
  public:
-  // Connects to a server, or starts an embedded cluster for a dataset directory or a source, as
+  // Connects to a server, or starts an embedded cluster for dataset directories or sources, as
   // PrepareInput. Memory is allocated early for frames of `expected_viewport`; null: none are
-  // expected. Other errors as PrepareInput and EmbeddedCluster::Start.
+  // expected. UsageError if two inputs are datasets of one name. Other errors as PrepareInput and
+  // EmbeddedCluster::Start.
   static absl::StatusOr<std::unique_ptr<Session>> Open(
       const SessionFlags& flags, const WantedVolumes* wanted,
       const std::optional<view::Viewport>& expected_viewport, const Context& context);
@@ -101,7 +104,7 @@ class Session {
   [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
   // The token that the client sends to the server; empty: none.
   [[nodiscard]] const std::string& token() const { return token_; }
-  // Name of the dataset in requests; "" is the only one of the cluster.
+  // Name of the dataset in requests, that of the first input; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
   // The description of the dataset. NOT_FOUND suggests a name of the server that is near.
   [[nodiscard]] absl::StatusOr<isoscope::v1::Dataset> GetDataset();
@@ -129,7 +132,12 @@ class Session {
  private:
   Session();
 
-  CachedDataset dataset_;                     // its lock outlives the cluster
+  // Prepares flags.more_inputs, and names the dataset of the first input.
+  absl::Status PrepareMore(const SessionFlags& flags, const WantedVolumes* wanted,
+                           const Context& context);
+
+  CachedDataset dataset_;  // its lock outlives the cluster, as those of the others
+  std::vector<CachedDataset> more_datasets_;
   std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
   std::unique_ptr<client::ServiceClient> client_;
   std::string token_;

@@ -416,16 +416,17 @@ TEST_F(FaultTest, HealthAndReflectionAnswer) {
   for (const auto& [address, service] :
        {std::pair<std::string, std::string>{cluster->address(), "isoscope.v1.IsosurfaceService"},
         {cluster->agent_address(0), "isoscope.internal.v1.PartitionAgentService"}}) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const std::string services,
-        CallByName(address, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
-                   StringField(7, "*")));
-    EXPECT_THAT(services, HasSubstr(service));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const std::string file,
-        CallByName(address, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
-                   StringField(4, service)));
-    EXPECT_THAT(file, HasSubstr("_service.proto"));
+    for (const char* version : {"v1", "v1alpha"}) {
+      const std::string method =
+          absl::StrCat("/grpc.reflection.", version, ".ServerReflection/ServerReflectionInfo");
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string services,
+                                    CallByName(address, method, StringField(7, "*")));
+      EXPECT_THAT(services, HasSubstr(service));
+      EXPECT_THAT(services, HasSubstr("grpc.reflection.v1.ServerReflection"));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string file,
+                                    CallByName(address, method, StringField(4, service)));
+      EXPECT_THAT(file, HasSubstr("_service.proto")) << version;
+    }
   }
 
   // A cluster that lacks a shard is ready: other datasets of it can be had, and calls say what

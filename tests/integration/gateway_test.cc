@@ -820,6 +820,41 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
   EXPECT_EQ((*view)->out(), *line + "\n");
 }
 
+TEST_F(GatewayTest, ViewServesSeveralInputsAndBeginsWithTheFirst) {
+  const testing::ProcessOptions options{.environment = {"XDG_CACHE_HOME=" + folder_->Sub("cache")}};
+  const std::string volume = folder_->Sub("other.nrrd");
+  const auto made = testing::RunIsoscope({"generate", "shells", "--dims", "9,9,9", "-o", volume});
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  std::vector<std::string> arguments = {
+      "view", folder_->Sub("d"), volume,        "--no-open",  "--renderer", "cpu", "--threads",
+      "1",    "--listen",        "127.0.0.1:0", "--isovalue", "128"};
+  absl::StatusOr<std::unique_ptr<testing::Process>> view =
+      testing::StartIsoscope(arguments, options);
+  ISOSCOPE_ASSERT_OK(view);
+  const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
+  ISOSCOPE_ASSERT_OK(line);
+  EXPECT_THAT(*line, HasSubstr("&dataset=d&isovalue=128"));
+  const std::string page = line->substr(std::string("http://").size());
+  const std::string host = page.substr(0, page.find('/'));
+  const Headers bearer = {{"Authorization", "Bearer " + TokenIn(*line)}};
+  EXPECT_THAT(Get(host, "/v1/datasets", bearer).body(),
+              AllOf(HasSubstr("\"name\":\"d\""), HasSubstr("\"name\":\"other\"")));
+  EXPECT_EQ(
+      Get(host, "/v1/datasets/other/render?isovalue=0.5&width=16&height=16", bearer).result_int(),
+      200U);
+  (*view)->Signal(SIGINT);
+  ISOSCOPE_EXPECT_OK((*view)->Wait(testing::kPatience));
+
+  // Two of one name could not be told apart.
+  arguments[2] = folder_->Sub("d");
+  const auto twice = testing::RunIsoscope(arguments, options);
+  EXPECT_EQ(twice.exit_code, 2);
+  EXPECT_THAT(twice.err, HasSubstr("are both the dataset \"d\""));
+  // An error names the input that has it.
+  arguments[2] = folder_->Sub("none.nrrd");
+  EXPECT_THAT(testing::RunIsoscope(arguments, options).err, HasSubstr("none.nrrd"));
+}
+
 TEST_F(GatewayTest, ViewAsksForTheTokenThatItWasGiven) {
   ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder_->Sub("view_token"), "of-a-file"));
   const struct {

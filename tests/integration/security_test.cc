@@ -712,12 +712,15 @@ TEST_F(SecurityTest, ADatasetIsFoundByNameAndNeverByPath) {
 }
 
 TEST_F(SecurityTest, ReflectionCanBeSwitchedOff) {
-  const std::string method = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
-  ASSERT_NO_FATAL_FAILURE(StartAgent({}));
-  EXPECT_THAT(Caller(agent_.address).CallRaw(method),
-              Not(StatusIs(absl::StatusCode::kUnimplemented)));
-  ASSERT_NO_FATAL_FAILURE(StartAgent({}, {"--reflection", "off"}));
-  EXPECT_THAT(Caller(agent_.address).CallRaw(method), StatusIs(absl::StatusCode::kUnimplemented));
+  for (const std::string method :
+       {"/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
+        "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"}) {
+    ASSERT_NO_FATAL_FAILURE(StartAgent({}));
+    EXPECT_THAT(Caller(agent_.address).CallRaw(method),
+                Not(StatusIs(absl::StatusCode::kUnimplemented)));
+    ASSERT_NO_FATAL_FAILURE(StartAgent({}, {"--reflection", "off"}));
+    EXPECT_THAT(Caller(agent_.address).CallRaw(method), StatusIs(absl::StatusCode::kUnimplemented));
+  }
 }
 
 }  // namespace

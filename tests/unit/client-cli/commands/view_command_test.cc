@@ -91,6 +91,9 @@ TEST(ViewCommandTest, WrongUsageIsNamed) {
   } cases[] = {
       {{"view"}, "give a volume"},
       {{"view", "a", "--server", "h:1"}, "--server"},
+      {{"view", "a", "b", "--server", "h:1"}, "--server"},
+      {{"view", "a", ""}, "empty"},
+      {{"view", "a", "b", "--terminal"}, "--terminal shows one input, not 2"},
       {{"view", "a", "--isovalue", "x"}, "--isovalue"},
       {{"view", "a", "--listen", "8080"}, "--listen"},
       {{"view", "a", "--published", "8080"}, "--published"},
