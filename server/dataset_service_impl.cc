@@ -5,8 +5,8 @@
 // 1. Admit: identify the caller, check the request, take a place in the queue.
 // 2. When its turn comes, AnswerHistogram finds the dataset and the selected volume.
 // 3. AskHistogram asks one agent for each part, and adds up the bins.
-// 4. SuggestIsovalues looks for isovalues in the sum, if groups were asked for, and SuggestLabels for
-//    labels.
+// 4. SuggestIsovalues looks for isovalues in the sum, if groups were asked for, and SuggestLabels
+//    for labels.
 //
 // The place is given back before the answer, so that the client's next request finds it free.
 

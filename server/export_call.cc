@@ -1,7 +1,7 @@
-// An export opens a stream to each agent, for one surface after the other, and lets mesh::MergeSurface
-// merge them, on an export thread. Its chunks wait in outgoing_. When 2 MiB wait for a slow client,
-// the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels the streams,
-// which wakes the merge.
+// An export opens a stream to each agent, for one surface after the other, and lets
+// mesh::MergeSurface merge them, on an export thread. Its chunks wait in outgoing_. When 2 MiB wait
+// for a slow client, the merge waits, and gRPC's flow control then stops the agents. OnCancel
+// cancels the streams, which wakes the merge.
 //
 // From its admission to its end, an empty message now and then tells the client that the export
 // goes on, while nothing else is on its way.

@@ -81,8 +81,8 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const base::Cancellation& cancellation);
 
 // Returns the box of the cells that are active for any of some surfaces and not wholly outside of
-// `clip`; not set if there are none. Asks every part, whose agents read blocks. Blocks. UNAVAILABLE,
-// FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+// `clip`; not set if there are none. Asks every part, whose agents read blocks. Blocks.
+// UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<std::optional<math::IndexBox>> AskCellBox(const QueryTarget& target,
                                                        const volume::BlockLayout& layout,
                                                        const std::vector<volume::InsideRule>& rules,

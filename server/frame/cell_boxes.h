@@ -1,5 +1,5 @@
-// The boxes of the active cells of surfaces, which cameras fit. The coordinator keeps them, so that the
-// next frame with the same surfaces and region need not ask.
+// The boxes of the active cells of surfaces, which cameras fit. The coordinator keeps them, so that
+// the next frame with the same surfaces and region need not ask.
 
 #ifndef ISOSCOPE_SERVER_FRAME_CELL_BOXES_H_
 #define ISOSCOPE_SERVER_FRAME_CELL_BOXES_H_

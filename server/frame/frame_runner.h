@@ -99,8 +99,8 @@ class FrameRunner {
                            const isoscope::v1::Dataset& dataset,
                            const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                            AskedFrame* asked);
-  // Returns the box of the active cells, from the cache or from the agents. With allow_partial an agent
-  // that can't answer leaves it unset.
+  // Returns the box of the active cells, from the cache or from the agents. With allow_partial an
+  // agent that can't answer leaves it unset.
   absl::StatusOr<CellBoxCache::CellBox> FindCellBox(const FrameIdentity& identity,
                                                     const QueryTarget& query, int shard_count,
                                                     const volume::BlockLayout& layout,
