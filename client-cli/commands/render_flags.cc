@@ -117,6 +117,16 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
+int LongerSide(const view::Viewport& size) { return std::max(size.width_px, size.height_px); }
+
+// Whether the picture, or a poster's regions, can have the samples of `effects`.
+bool CanDraw(const RenderFlags& flags, const client::EffectFlags& effects) {
+  // The mask's culling draws no bands.
+  const bool is_one_view = flags.request.culling == frame::Culling::kMask && !flags.is_poster();
+  return LongerSide(effects.drawn_size(flags.request.viewport())) <= view::kMaxWholeViewportPx &&
+         (!is_one_view || LongerSide(flags.request.image_size()) <= effects.max_region_side_px());
+}
+
 }  // namespace
 
 bool RenderFlags::is_poster() const {
@@ -241,10 +251,7 @@ void FillFirstLook(RenderFlags* flags) {
   if (!flags->effects.samples && has_picture) {  // planes have one sample
     client::EffectFlags finer = flags->effects;
     finer.samples = wire::GetFirstLook().samples();
-    const view::Viewport viewport = flags->request.viewport();
-    const view::Viewport drawn = finer.drawn_size(viewport);
-    if (!client::NeedsRegions(viewport) &&
-        std::max(drawn.width_px, drawn.height_px) <= view::kMaxViewportPx) {
+    if (CanDraw(*flags, finer)) {
       flags->effects = finer;
     }
   }

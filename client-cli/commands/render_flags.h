@@ -69,8 +69,8 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags);
 // UsageError for flags given to `set` that do not fit each other.
 absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context);
 
-// Fills in samples and material of the first look, where it is shown and no flag has them. Posters and
-// their regions keep one sample.
+// Fills in samples and material of the first look, where it is shown and no flag has them. Planes
+// keep one sample, as do pictures that could not be drawn with more.
 void FillFirstLook(RenderFlags* flags);
 
 // Checks that the outputs can be written, before any work.

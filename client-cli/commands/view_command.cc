@@ -1,6 +1,6 @@
 // isoscope view INPUT... | DIR... | --server HOST:PORT [--isovalue V] [--label SET] [--listen HOST:PORT]
 //   [--published HOST:PORT] [--no-open] [--gateway-token-file FILE] [--allow-origin ORIGIN]
-// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--label SET] --terminal
 //
 // 1. A session connects to the server, or starts a cluster in this process for all inputs.
 // 2. The first input is shown; the page lists all. Its isovalue to begin with is chosen from the histogram, unless it or labels are given. A
@@ -17,7 +17,6 @@
 #include <unistd.h>
 
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdlib>
 #include <memory>
@@ -32,7 +31,6 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "absl/time/time.h"
 #include <sys/wait.h>
 
@@ -41,6 +39,7 @@
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "client-cli/terminal/terminal_viewer.h"
+#include "client-cli/terminal/view_labels.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/label_flags.h"
@@ -176,21 +175,25 @@ struct FirstSurfaces {
   client::LabelFlags label = {};  // resolved
 };
 
-// Returns the isovalue to begin with; not set for labels, which the page chooses by the same
-// suggestion. Without a histogram any value will do: the page can change it.
-absl::StatusOr<std::optional<double>> ChooseIsovalue(const ViewFlags& flags,
-                                                     const v1::Dataset& dataset, Session* session) {
-  if (flags.isovalue) {
-    return flags.isovalue;
-  }
+// Chooses what the samples suggest: an isovalue, or labels. The page chooses labels itself, by the
+// same suggestion. Without a histogram any isovalue will do: the page can change it.
+absl::Status SuggestSurfaces(const ViewFlags& flags, const v1::Dataset& dataset, Session* session,
+                             FirstSurfaces* first) {
   v1::GetHistogramRequest request;
   request.set_dataset(dataset.name());
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetHistogramResponse histogram,
                             session->client().GetHistogram(request, session->question_timeout()));
-  if (!histogram.suggested_labels().empty() && !flags.is_in_terminal) {
-    return std::nullopt;
+  const std::vector<double> labels(histogram.suggested_labels().begin(),
+                                   histogram.suggested_labels().end());
+  if (labels.empty()) {
+    first->isovalue = FirstIsovalue(histogram, dataset);
+    return absl::OkStatus();
   }
-  return FirstIsovalue(histogram, dataset);
+  if (!flags.is_in_terminal) {
+    return absl::OkStatus();
+  }
+  first->label.wants_all = true;
+  return client::ResolveLabels(dataset, labels, &first->label);
 }
 
 absl::StatusOr<FirstSurfaces> ChooseSurfaces(const ViewFlags& flags, const v1::Dataset& dataset,
@@ -198,8 +201,9 @@ absl::StatusOr<FirstSurfaces> ChooseSurfaces(const ViewFlags& flags, const v1::D
   FirstSurfaces first{.label = flags.label};
   ISOSCOPE_RETURN_IF_ERROR(client::ResolveLabels(
       dataset, /*selection=*/{}, session->frame_timeout(), &session->client(), &first.label));
-  if (flags.isovalue || flags.label.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(first.isovalue, ChooseIsovalue(flags, dataset, session));
+  first.isovalue = flags.isovalue;
+  if (!flags.isovalue && flags.label.empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(SuggestSurfaces(flags, dataset, session, &first));
   }
   if (!flags.label.empty()) {
     ISOSCOPE_RETURN_IF_ERROR(client::CheckSurfaces(first.isovalue, /*surfaces=*/{},
@@ -219,38 +223,12 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
                                   : !flags.allowed_origins.empty()    ? "--allow-origin"
                                   : flags.has_no_open                 ? "--no-open"
                                   : !flags.gateway_token_file.empty() ? "--gateway-token-file"
-                                  : flags.label.wants_all             ? "--labels"
-                                  : !flags.label.empty()              ? "--label"
-                                  : flags.label.smooths               ? "--smooth-labels"
                                                                       : nullptr;
   if (flags.is_in_terminal && for_browser != nullptr) {
     return UsageError(
         absl::StrCat("--terminal can't be used with ", for_browser, ", which is for the browser"));
   }
   return absl::OkStatus();
-}
-
-// "3,7-9", as the page and --label take it. Ranges keep the address of many labels short.
-std::string TextOfValues(const std::vector<double>& values) {
-  const auto follows = [&](std::size_t i) {
-    return i + 1 < values.size() && values[i] >= 0 && values[i] == std::floor(values[i]) &&
-           values[i + 1] == values[i] + 1;
-  };
-  std::vector<std::string> parts;
-  for (std::size_t i = 0; i < values.size();) {
-    std::size_t end = i;
-    while (follows(end)) {
-      ++end;
-    }
-    if (end > i + 1) {  // a range of two is as long as both
-      parts.push_back(absl::StrFormat("%.17g-%.17g", values[i], values[end]));
-      i = end + 1;
-    } else {
-      parts.push_back(absl::StrFormat("%.17g", values[i]));
-      ++i;
-    }
-  }
-  return absl::StrJoin(parts, ",");
 }
 
 // "3,7:0.5,0.25,1:0.4", as the page and --label take it.
@@ -297,7 +275,7 @@ absl::Status Run(ViewFlags flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstSurfaces first,
                             ChooseSurfaces(flags, dataset, session.get()));
   if (flags.is_in_terminal) {
-    return RunTerminalViewer(dataset, first.isovalue.value_or(0),
+    return RunTerminalViewer(dataset, {.isovalue = first.isovalue, .labels = first.label.surfaces},
                              flags.show.value_or(ShowMode::kAuto), session.get(), context);
   }
   gateway::GatewayOptions options;
@@ -368,7 +346,7 @@ Action RegisterViewFlags(FlagSet* set) {
                  "do not open a browser; it is opened on a desktop only");
   set->AddSwitch("--terminal", &flags->is_in_terminal,
                  "show it in this terminal instead, turned with the keys: arrows, + - to zoom, [ ] "
-                 "for the isovalue, ? for all");
+                 "for the isovalue, n for the next label alone, ? for all");
   AddShowFlag(set, &flags->show, "how --terminal draws (default: auto, the best it can)");
   return [flags](const Context& context) { return Run(*flags, context); };
 }

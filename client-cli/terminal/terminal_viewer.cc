@@ -21,6 +21,7 @@
 #include <ostream>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
@@ -33,6 +34,7 @@
 #include "client-cli/terminal/terminal_keys.h"
 #include "client-cli/terminal/terminal_picture.h"
 #include "client-cli/terminal/view_controls.h"
+#include "client-cli/terminal/view_labels.h"
 #include "client-cli/terminal/viewer_layout.h"
 #include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/service_client.h"
@@ -165,7 +167,7 @@ struct Abilities {
 class Viewer {
  public:
   // abilities: of the server
-  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, double isovalue,
+  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, const ViewedSurfaces& surfaces,
          const Abilities& abilities, int tty, const PictureTerminal& terminal,
          client::InteractStream* stream)
       : dataset_name_(dataset.name()),
@@ -173,13 +175,15 @@ class Viewer {
         camera_from_(abilities.fits_cells ? std::optional<std::int64_t>(0) : std::nullopt),
         tty_(tty),
         stream_(stream),
-        controls_(volume, isovalue),
+        labels_(surfaces.labels),
+        controls_(volume, surfaces.isovalue, surfaces.labels.size()),
         layout_(LayoutOf(terminal.format, terminal.size)),
         cell_(CellOf(terminal.size)) {}
 
   // Runs until the user, `cancellation` or the server ends it.
   absl::Status Run(const base::Cancellation& cancellation);
-  // The request of the newest view.
+  // The surfaces of the newest view, and its request.
+  [[nodiscard]] ViewedSurfaces Surfaces() const;
   [[nodiscard]] v1::RenderIsosurfaceRequest Frame() const;
   // Returns true if Run returned because the server ended the stream.
   [[nodiscard]] bool was_ended_by_server() const { return was_ended_by_server_; }
@@ -193,6 +197,7 @@ class Viewer {
   absl::Status DrawHelp();
   // Gives the controls the camera of an answer if the server has placed it.
   absl::Status TakeCamera(const v1::InteractResponse& answer);
+  [[nodiscard]] std::string DescribeSurfaces() const;
   [[nodiscard]] std::string StatusLine() const;
   [[nodiscard]] std::string Clear() const {
     return absl::StrCat(layout_.format == PictureFormat::kKitty ? kRemoveAll : "", "\x1B[2J");
@@ -205,6 +210,7 @@ class Viewer {
   std::optional<std::int64_t> camera_from_;
   const int tty_;
   client::InteractStream* const stream_;
+  const std::vector<client::LabelSurface> labels_;
   ViewControls controls_;
   ViewerLayout layout_;
   const view::Viewport cell_;
@@ -221,10 +227,24 @@ class Viewer {
   bool was_ended_by_server_ = false;
 };
 
+ViewedSurfaces Viewer::Surfaces() const {
+  ViewedSurfaces shown{.isovalue = controls_.isovalue(), .labels = labels_};
+  if (const std::optional<std::size_t> alone = controls_.label_alone()) {
+    shown.labels = {labels_[*alone]};
+  }
+  return shown;
+}
+
 v1::RenderIsosurfaceRequest Viewer::Frame() const {
   v1::RenderIsosurfaceRequest frame;
   frame.set_dataset(dataset_name_);
-  frame.add_surfaces()->set_isovalue(controls_.isovalue());
+  const ViewedSurfaces shown = Surfaces();
+  if (shown.isovalue) {
+    frame.add_surfaces()->set_isovalue(*shown.isovalue);
+  }
+  for (const client::LabelSurface& label : shown.labels) {
+    client::AddTo(label, frame.add_surfaces());
+  }
   wire::AddFirstMaterial(&frame);
   frame.set_samples(wire::GetFirstLook().samples());
   if (camera_from_) {
@@ -251,9 +271,23 @@ absl::Status Viewer::SendView(bool is_at_rest) {
   return absl::OkStatus();
 }
 
+std::string Viewer::DescribeSurfaces() const {
+  std::vector<std::string> parts;
+  if (controls_.isovalue()) {
+    parts.push_back(absl::StrFormat("isovalue %.6g", *controls_.isovalue()));
+  }
+  if (const std::optional<std::size_t> alone = controls_.label_alone()) {
+    parts.push_back(
+        absl::StrCat(labels_[*alone].name, " (", *alone + 1, " of ", labels_.size(), ")"));
+  } else if (!labels_.empty()) {
+    parts.push_back(labels_.size() == 1 ? labels_[0].name
+                                        : absl::StrCat(labels_.size(), " labels"));
+  }
+  return absl::StrJoin(parts, ", ");
+}
+
 std::string Viewer::StatusLine() const {
-  std::string text = absl::StrCat(" ", dataset_name_, "   isovalue ",
-                                  absl::StrFormat("%.6g", controls_.isovalue()));
+  std::string text = absl::StrCat(" ", dataset_name_, "   ", DescribeSurfaces());
   if (!message_.empty()) {
     absl::StrAppend(&text, "   ", message_);
   } else if (last_) {
@@ -428,19 +462,25 @@ std::optional<absl::Duration> SentStates::TakeLatency(std::int64_t sequence_numb
   return found == sent_.end() ? std::nullopt : std::optional(now - found->second);
 }
 
-std::string FlagsOfFrame(const v1::RenderIsosurfaceRequest& frame) {
+std::string FlagsOfFrame(const v1::RenderIsosurfaceRequest& frame, const ViewedSurfaces& surfaces) {
   const v1::Camera& camera = frame.camera();
-  const v1::Surface& surface = frame.surfaces(0);
-  return absl::StrCat("--isovalue ", Exact(surface.isovalue()), " --eye ", Exact(camera.eye()),
-                      " --target ", Exact(camera.target()), " --up ", Exact(camera.up()),
-                      surface.has_material() ? " --material soft" : "",
+  std::vector<std::string> drawn;
+  if (surfaces.isovalue) {
+    drawn.push_back(absl::StrCat("--isovalue ", Exact(*surfaces.isovalue)));
+  }
+  if (!surfaces.labels.empty()) {
+    drawn.push_back(FlagsOfLabels(surfaces.labels));
+  }
+  return absl::StrCat(absl::StrJoin(drawn, " "), " --eye ", Exact(camera.eye()), " --target ",
+                      Exact(camera.target()), " --up ", Exact(camera.up()),
+                      frame.surfaces(0).has_material() ? " --material soft" : "",
                       frame.samples() > 1 ? absl::StrCat(" --samples ", frame.samples()) : "",
                       " --width ", frame.viewport().width_px(), " --height ",
                       frame.viewport().height_px());
 }
 
-absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, ShowMode mode,
-                               Session* session, const Context& context) {
+absl::Status RunTerminalViewer(const v1::Dataset& dataset, const ViewedSurfaces& surfaces,
+                               ShowMode mode, Session* session, const Context& context) {
   const Tty tty;
   const std::optional<PictureTerminal> terminal =
       tty.fd() < 0
@@ -476,7 +516,7 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
   const Abilities abilities{.has_notes = features.count("notes") > 0,
                             .fits_cells = features.count("fit_cells") > 0};
   const std::unique_ptr<client::InteractStream> stream = session->client().Interact();
-  Viewer viewer(dataset, volume, isovalue, abilities, tty.fd(), *terminal, stream.get());
+  Viewer viewer(dataset, volume, surfaces, abilities, tty.fd(), *terminal, stream.get());
   const absl::Status status = viewer.Run(context.interrupt->cancellation());
   const absl::Status stream_status = stream->Finish();
   ISOSCOPE_RETURN_IF_ERROR(status);
@@ -484,8 +524,8 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
     return stream_status.ok() ? absl::UnavailableError("the server has ended the view")
                               : stream_status;
   }
-  *context.out << "the last view, for isoscope render: " << FlagsOfFrame(viewer.Frame())
-               << std::endl;
+  *context.out << "the last view, for isoscope render: "
+               << FlagsOfFrame(viewer.Frame(), viewer.Surfaces()) << std::endl;
   return absl::OkStatus();
 }
 

@@ -1,4 +1,4 @@
-// `isoscope view --terminal`: a surface in the terminal, turned with the keys.
+// `isoscope view --terminal`: surfaces in the terminal, turned with the keys.
 
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_TERMINAL_VIEWER_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_TERMINAL_VIEWER_H_
@@ -7,12 +7,14 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
+#include "clients/cpp/request/label_flags.h"
 #include "core/base/monotonic_time.h"
 #include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -20,9 +22,16 @@
 
 namespace isoscope::cli {
 
-// Returns the flags of `render` that reproduce the frame, bit for bit. REQUIRES: it has one surface and a
-// camera; a material is that of the first look.
-std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame);
+// The surfaces to begin with: of an isovalue, of labels, or both. One at least.
+struct ViewedSurfaces {
+  std::optional<double> isovalue = std::nullopt;
+  std::vector<client::LabelSurface> labels = {};
+};
+
+// Returns the flags of `render` that reproduce a frame of these surfaces, bit for bit. REQUIRES: it
+// has a camera; a material is that of the first look.
+std::string FlagsOfFrame(const isoscope::v1::RenderIsosurfaceRequest& frame,
+                         const ViewedSurfaces& surfaces);
 
 // The send times of a stream's states, by sequence number. While the view moves, a frame answers an
 // older state than the newest. Thread-compatible.
@@ -40,8 +49,8 @@ class SentStates {
 // Shows the dataset on the terminal of this process until q or Ctrl-C, and restores the terminal.
 // FAILED_PRECONDITION if there is no terminal, or one without pictures; errors of the Interact
 // stream.
-absl::Status RunTerminalViewer(const isoscope::v1::Dataset& dataset, double isovalue, ShowMode mode,
-                               Session* session, const Context& context);
+absl::Status RunTerminalViewer(const isoscope::v1::Dataset& dataset, const ViewedSurfaces& surfaces,
+                               ShowMode mode, Session* session, const Context& context);
 
 }  // namespace isoscope::cli
 

@@ -5,6 +5,7 @@
 //   + -           change the distance by a factor of 1.15, within 0.001 and 100 radii of the volume
 //   , .           roll the up vector by 5 degrees
 //   [ ]           move the isovalue to a multiple of its step: 1, 2 or 5 times a power of ten
+//   n N           show the next, the previous label alone; behind the last one, all
 //
 // For values of 0 to 255 the step is 2, so [ leads from 100 to 98. `1` to `6` count the named views
 // that the volume has: those of the patient if it knows one, else those of the world.
@@ -16,6 +17,7 @@
 #include <cmath>
 #include <cstddef>
 #include <numbers>
+#include <utility>
 
 #include "absl/status/statusor.h"
 
@@ -44,10 +46,12 @@ double IsovalueStep(const volume::ScalarSpan& values) {
   return hundredth >= 5 * power ? 5 * power : hundredth >= 2 * power ? 2 * power : power;
 }
 
-ViewControls::ViewControls(const ViewedVolume& volume, double isovalue)
+ViewControls::ViewControls(const ViewedVolume& volume, std::optional<double> isovalue,
+                           std::size_t label_count)
     : volume_(volume),
       first_isovalue_(isovalue),
       isovalue_step_(IsovalueStep(volume.values)),
+      label_count_(label_count),
       camera_(volume.first_camera.value_or(view::MakeDefaultCamera(volume.bounds))),
       isovalue_(isovalue) {}
 
@@ -93,12 +97,45 @@ void ViewControls::Roll(double radians) {
                                 math::Cross(forward, camera_.up) * std::sin(radians));
 }
 
-void ViewControls::MoveIsovalue(int steps) {
+bool ViewControls::MoveIsovalue(int steps) {
+  if (!isovalue_) {
+    return false;
+  }
   // A multiple of the step, so that values stay round.
-  const double next = (std::round(isovalue_ / isovalue_step_) + steps) * isovalue_step_;
+  const double next = (std::round(*isovalue_ / isovalue_step_) + steps) * isovalue_step_;
   isovalue_ = volume_.values.min < volume_.values.max
                   ? std::clamp(next, volume_.values.min, volume_.values.max)
                   : next;
+  return true;
+}
+
+bool ViewControls::StepLabel(bool is_forward) {
+  if (label_count_ == 0) {
+    return false;
+  }
+  // All, then each: a circle of label_count_ + 1 places.
+  const std::size_t place = label_alone_ ? *label_alone_ + 1 : 0;
+  const std::size_t next = (place + (is_forward ? 1 : label_count_)) % (label_count_ + 1);
+  label_alone_ = next == 0 ? std::nullopt : std::optional(next - 1);
+  return true;
+}
+
+bool ViewControls::PressSurfaceKey(char character) {
+  switch (character) {
+    case '[':
+    case ']':
+      return MoveIsovalue(character == ']' ? 1 : -1);
+    case '{':
+    case '}':
+      return MoveIsovalue(character == '}' ? kLargeSteps : -kLargeSteps);
+    case 'n':
+    case 'N':
+      return StepLabel(character == 'n');
+    case 'a':
+      return std::exchange(label_alone_, std::nullopt).has_value();
+    default:
+      return false;
+  }
 }
 
 bool ViewControls::PressArrow(const Key& key) {
@@ -145,14 +182,6 @@ bool ViewControls::PressCharacter(char character) {
     case '.':
       Roll(-kTurn);
       return true;
-    case '[':
-    case ']':
-      MoveIsovalue(character == ']' ? 1 : -1);
-      return true;
-    case '{':
-    case '}':
-      MoveIsovalue(character == '}' ? kLargeSteps : -kLargeSteps);
-      return true;
     default:
       break;
   }
@@ -160,7 +189,7 @@ bool ViewControls::PressCharacter(char character) {
     LookFrom(character - '1');
     return true;
   }
-  return false;
+  return PressSurfaceKey(character);
 }
 
 ViewControls::Effect ViewControls::ResetCamera() {
@@ -183,6 +212,7 @@ ViewControls::Effect ViewControls::Press(const Key& key) {
   }
   if (key.character == '0' || key.character == 'r') {
     isovalue_ = first_isovalue_;
+    label_alone_.reset();
     return ResetCamera();
   }
   return PressCharacter(key.character) ? Effect::kMoved : Effect::kNone;
@@ -194,9 +224,10 @@ std::string DescribeKeys() {
          "+ -                    zoom\n"
          ", .                    roll\n"
          "[ ]                    lower, raise the isovalue; { } ten times as far\n"
+         "n N                    the next, the previous label alone; a all\n"
          "1 2 3 4 5 6            front back left right top bottom\n"
          "                       (of the patient where the file knows one)\n"
-         "r 0                    back to the first view and isovalue\n"
+         "r 0                    back to the first view, isovalue and labels\n"
          "?                      this help; any key closes it\n"
          "q Ctrl-C               quit\n";
 }

@@ -1,8 +1,10 @@
-// The keys of `view --terminal` and their effect on the view. The page has the same keys.
+// The keys of `view --terminal` and their effect on the view. The page has the same keys, but for
+// labels, which it lists.
 
 #ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_
 #define ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_
 
+#include <cstddef>
 #include <optional>
 #include <string>
 
@@ -26,7 +28,9 @@ struct ViewedVolume {
 // Thread-compatible.
 class ViewControls {
  public:
-  ViewControls(const ViewedVolume& volume, double isovalue);
+  // label_count: of the surfaces of labels; all are shown at the beginning
+  ViewControls(const ViewedVolume& volume, std::optional<double> isovalue,
+               std::size_t label_count = 0);
 
   // kReset: the camera is that of the beginning.
   enum class Effect { kNone, kMoved, kReset, kHelp, kQuit };
@@ -35,7 +39,10 @@ class ViewControls {
   [[nodiscard]] const view::Camera& camera() const { return camera_; }
   // Takes the camera that the server has chosen. REQUIRES: it is valid.
   void SetCamera(const view::Camera& camera) { camera_ = camera; }
-  [[nodiscard]] double isovalue() const { return isovalue_; }
+  // Not set: no surface has one.
+  [[nodiscard]] std::optional<double> isovalue() const { return isovalue_; }
+  // The only surface of labels that is shown, from 0; not set: all are.
+  [[nodiscard]] std::optional<std::size_t> label_alone() const { return label_alone_; }
 
  private:
   bool PressArrow(const Key& key);
@@ -45,13 +52,17 @@ class ViewControls {
   void Zoom(double factor);
   void Pan(double right, double up);
   void Roll(double radians);
-  void MoveIsovalue(int steps);
+  bool PressSurfaceKey(char character);
+  bool MoveIsovalue(int steps);
+  bool StepLabel(bool is_forward);
 
   const ViewedVolume volume_;
-  const double first_isovalue_;
+  const std::optional<double> first_isovalue_;
   const double isovalue_step_;
+  const std::size_t label_count_;
   view::Camera camera_;
-  double isovalue_;
+  std::optional<double> isovalue_;
+  std::optional<std::size_t> label_alone_;
 };
 
 // The lines of the help, each at most 60 characters.

@@ -5,7 +5,7 @@
 // @ts-check
 
 import { Client, lengthUnitOf, mount } from './isoscope-view.js';
-import { asksFirstLook, stateFromHash, tokenOfHash, withMaterial, withoutToken } from './view-state.js';
+import { asksFirstLook, stateFromHash, tokenOfHash, withMaterialOf, withoutToken } from './view-state.js';
 import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
 import { byId } from './elements.js';
@@ -136,8 +136,7 @@ export function takeTokenAgain() {
  * @param {FrameRequest} part @param {boolean} [isMoving]
  */
 export function change(part, isMoving = false) {
-  const material = part.surfaces && (shown.state.surfaces ?? []).find((/** @type {any} */ one) => one.material)?.material;
-  shown.update(material ? { ...part, surfaces: withMaterial(part.surfaces, material) } : part, { isMoving });
+  shown.update(part.surfaces ? { ...part, surfaces: withMaterialOf(part.surfaces, shown.state.surfaces ?? []) } : part, { isMoving });
 }
 
 /** Behind a length: its unit, if it is known. */

@@ -29,7 +29,7 @@ import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { listenToUndo } from './undo-controls.js';
 import { BACKGROUNDS, PALETTE, format, fromHex, paintedApart } from './values.js';
-import { asksFirstLook, stateToHash, stateToLink, withFirstLook } from './view-state.js';
+import { asksFirstLook, stateToHash, stateToLink, withFirstLook, withMaterialOf } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 
@@ -38,9 +38,9 @@ const series = new SeriesControls(shown, { field: byId('field', HTMLSelectElemen
   on: byId('step-on', HTMLButtonElement), step: byId('step', HTMLInputElement), time: byId('time', HTMLElement),
   loop: byId('loop', HTMLInputElement), quantities: byId('field-quantities', HTMLOptGroupElement) },
 { say, format, chooseField: (selection) => {
-  // Isovalues, clips of samples and ranges of colours were of other samples.
+  // Isovalues, clips of samples and ranges of colours were of other samples; a material is of none.
   const { surfaces, caps, ...rest } = shown.getState();
-  open({ ...rest, selection }, []);
+  open({ ...rest, selection }, [], surfaces);
 } });
 
 byId('fold', HTMLElement).onclick = (event) => {
@@ -193,9 +193,9 @@ let openCount = 0;
 /**
  * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, it is
  * the first look, as of every other client.
- * @param {FrameRequest} state @param {string[]} problems
+ * @param {FrameRequest} state @param {string[]} problems @param {any[]} [before] the surfaces that suggested ones replace
  */
-async function open(state, problems) {
+async function open(state, problems, before = []) {
   const turn = openCount += 1;
   const dataset = state.dataset ? await datasetOf(state.dataset) : datasets[0] ?? null;
   if (turn !== openCount) {
@@ -222,7 +222,7 @@ async function open(state, problems) {
   const filled = { ...state, dataset: dataset.name };
   const labels = allLabels(dataset, suggestedLabels().map((/** @type {number} */ value) => ({ value })));
   filled.surfaces ??= labels.length > 0 ? labels : [{ isovalue: suggestedIsovalue(dataset, state.selection), color: fromHex(PALETTE[0]) }];
-  filled.surfaces = paintedApart(withColors(filled.surfaces, dataset));
+  filled.surfaces = withMaterialOf(paintedApart(withColors(filled.surfaces, dataset)), before);
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();

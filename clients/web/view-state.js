@@ -112,6 +112,12 @@ const isSoft = ({ material }) => JSON.stringify(material) === JSON.stringify(FIR
  */
 export const withMaterial = (surfaces, material) => surfaces.map((one) => one.material ? one : { ...one, material: { ...material } });
 /**
+ * Gives new surfaces the material of the others, if each of those has one. In a mix a surface without one is meant so.
+ * @param {any[]} surfaces @param {any[]} others
+ */
+export const withMaterialOf = (surfaces, others) =>
+  others.length > 0 && others.every(({ material }) => material) ? withMaterial(surfaces, others[0].material) : surfaces;
+/**
  * Whether a state says nothing of the camera.
  * @param {FrameRequest} state
  */
@@ -306,6 +312,19 @@ class Link {
   listed = new Set();
   /** Whether surfaces have the material of the first look. */
   isSoft = false;
+  /** How many surfaces are beyond those that a picture may have. */
+  leftOutCount = 0;
+
+  /**
+   * Adds surfaces, as many as a picture may have: a link has no end of its own.
+   * @param {any[]} surfaces
+   */
+  addSurfaces(surfaces) {
+    const all = this.state.surfaces ??= [];
+    const taken = surfaces.slice(0, MAX_SURFACES - all.length);
+    all.push(...taken);
+    this.leftOutCount += surfaces.length - taken.length;
+  }
 
   /** @param {Record<string, any>} part of the field and time that are shown */
   select(part) {
@@ -378,12 +397,13 @@ const WORDS = {
     const alpha = opacity === undefined ? [1] : link.numbers('surface', opacity, 1);
     const mixed = color === undefined ? undefined : link.color('surface', color, alpha?.[0]);
     if (isovalue && alpha && mixed !== null) {
-      (link.state.surfaces ??= []).push(mixed ? { isovalue: isovalue[0], color: mixed } : { isovalue: isovalue[0] });
+      link.addSurfaces([mixed ? { isovalue: isovalue[0], color: mixed } : { isovalue: isovalue[0] }]);
     }
   },
   isovalue: (link, value) => {
-    for (const isovalue of link.numbers('isovalue', value, 1, MAX_SURFACES) ?? []) {
-      (link.state.surfaces ??= []).push({ isovalue });
+    const isovalues = link.numbers('isovalue', value, 1, MAX_SURFACES);
+    if (isovalues) {
+      link.addSurfaces(isovalues.map((isovalue) => ({ isovalue })));
     }
   },
   label: (link, value) => {
@@ -398,12 +418,14 @@ const WORDS = {
     if (alpha && mixed !== null) {
       // The page knows the colours of the dataset, the link does not.
       const surface = { labels, ...(mixed ? { color: mixed } : opacity === undefined ? {} : { color: { alpha: alpha[0] } }) };
-      const surfaces = link.state.surfaces ??= [];
-      const listed = labels.length === 1 && link.listed.has(labels[0]) ? indexOfLabel(surfaces, labels[0]) : -1;
-      if (listed >= 0) {
+      const { surfaces = [] } = link.state;
+      if (labels.length !== 1 || !link.listed.has(labels[0])) {
+        link.addSurfaces([surface]);
+        return;
+      }
+      const listed = indexOfLabel(surfaces, labels[0]);
+      if (listed >= 0) {  // else it is beyond those that a picture may have
         surfaces[listed] = surface;
-      } else {
-        surfaces.push(surface);
       }
     }
   },
@@ -414,7 +436,7 @@ const WORDS = {
     if (!labels) {
       link.refuse('labels', value, 'it needs values of labels, or ranges as 3-7, with commas between them, at most 256.');
     } else if (alpha) {
-      (link.state.surfaces ??= []).push(...labels.map((label) => ({ labels: [label], ...(opacity === undefined ? {} : { color: { alpha: alpha[0] } }) })));
+      link.addSurfaces(labels.map((label) => ({ labels: [label], ...(opacity === undefined ? {} : { color: { alpha: alpha[0] } }) })));
       labels.forEach((label) => link.listed.add(label));
     }
   },
@@ -558,6 +580,10 @@ export function stateFromHash(hash) {
     } else {
       problems.push(`${name.slice(0, 40)} of this link was left out: this page does not know it.`);
     }
+  }
+  if (link.leftOutCount > 0) {
+    const which = link.leftOutCount === 1 ? 'The last surface' : `The last ${link.leftOutCount.toLocaleString('en')} surfaces`;
+    problems.unshift(`${which} of this link ${link.leftOutCount === 1 ? 'was' : 'were'} left out: a picture has at most ${MAX_SURFACES}.`);
   }
   if (camera.eye && camera.target) {
     state.camera = Object.fromEntries(Object.entries(camera).filter(([, value]) => value));

@@ -1,10 +1,16 @@
 #include "server/interact/interact_outbox.h"
 
+#include <optional>
 #include <string>
 #include <utility>
 
+#include "absl/time/time.h"
+
+#include "core/base/error_reason.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/retry_delay.h"
 #include "rpc/grpc_status.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 
@@ -12,8 +18,13 @@ namespace v1 = isoscope::v1;
 
 void InteractAnswer::SetError(const absl::Status& status) {
   message.clear_frame();
-  message.mutable_error()->set_code(static_cast<std::int32_t>(status.code()));
-  message.mutable_error()->set_message(rpc::BoundedMessage(status.message()));
+  v1::FrameError& error = *message.mutable_error();
+  error.set_code(static_cast<std::int32_t>(status.code()));
+  error.set_message(rpc::BoundedMessage(status.message()));
+  error.set_reason(base::NameOf(base::ReasonOf(status)));
+  if (const std::optional<absl::Duration> delay = base::RetryDelayOf(status)) {
+    *error.mutable_retry_duration() = wire::ToProto(*delay);
+  }
 }
 
 void InteractOutbox::Push(InteractAnswer answer, base::MonotonicTime now) {

@@ -113,8 +113,8 @@ TEST_F(CliTest, ARegionAndAPosterHaveThePixelsOfTheWhole) {
     return std::pair(ReadFile(png), out);
   };
   const auto [poster, text] = render_wide({"--stats", Path("regions.json")});
-  EXPECT_TRUE(absl::StrContains(text, "17000 x 60 pixels in 2 regions")) << text;
-  EXPECT_EQ(ParseJson(ReadFile(Path("regions.json"))).at("frames").size(), 2U);
+  EXPECT_TRUE(absl::StrContains(text, "17000 x 60 pixels in 3 regions")) << text;
+  EXPECT_EQ(ParseJson(ReadFile(Path("regions.json"))).at("frames").size(), 3U);
   const auto [middle_png, middle_text] = render_wide({"--region", "8450,7,100,50"});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage middle, image::DecodePng(middle_png));
   const std::vector<image::Rgba8> pixels = ReadWide(poster, 17000, 60);

@@ -223,6 +223,40 @@ TEST_F(TerminalTest, ViewDrawsTheExactFrameAndSaysItsFlags) {
   EXPECT_EQ(screen.pictures.back().file, ReadFile(png)) << "the same bytes as render's";
 }
 
+TEST_F(TerminalTest, ASegmentationOpensAsLabelsWhichAKeyShowsAlone) {
+  MustRun({"generate", "labels", "--dims", "32,32,32", "--regions", "3", "--output",
+           Path("labels.nrrd")},
+          Options());
+  PseudoTerminal terminal(kWindow);
+  terminal.Start(Command({"view", Path("labels.nrrd"), "--renderer", "cpu", "--terminal"}),
+                 Environment({"TERM=xterm-kitty"}));
+  ASSERT_TRUE(terminal.ReadUntil(HasExact));
+  EXPECT_THAT(terminal.bytes(), HasSubstr("3 labels"));
+  const auto all = ReadTerminalBytes(terminal.bytes()).pictures.back().file;
+  terminal.Forget();
+  terminal.Press("nn");
+  ASSERT_TRUE(terminal.ReadUntil([](const std::string& bytes) {
+    return absl::StrContains(bytes, "(2 of 3)") && HasExact(bytes);
+  }));
+  terminal.Press("q");
+  ASSERT_EQ(terminal.Wait(), 0) << terminal.bytes();
+  const TerminalScreen screen = ReadTerminalBytes(terminal.bytes());
+  ASSERT_FALSE(screen.pictures.empty());
+  EXPECT_NE(screen.pictures.back().file, all);
+  const std::size_t said = terminal.bytes().find("isoscope render: ");
+  ASSERT_NE(said, std::string::npos);
+  const std::string line = terminal.bytes().substr(said + 17);
+  const std::vector<std::string> flags =
+      absl::StrSplit(line.substr(0, line.find_first_of("\r\n")), ' ');
+  EXPECT_EQ(flags[0], "--label");
+  const std::string png = Path("again.png");
+  MustRun(
+      Join({"render", Path("labels.nrrd"), "--renderer", "cpu", "--no-metadata", "--output", png},
+           flags),
+      Options());
+  EXPECT_EQ(screen.pictures.back().file, ReadFile(png)) << "the same bytes as render's";
+}
+
 TEST_F(TerminalTest, SignalsGiveTheTerminalBack) {
   for (const int number : {SIGINT, SIGTERM, SIGQUIT, SIGHUP}) {
     PseudoTerminal terminal(kWindow);

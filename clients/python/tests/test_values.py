@@ -283,9 +283,13 @@ def test_the_first_look_fills_in_what_is_not_given():
     # With the default ambient share they add up to 1: no colour is burnt out.
     assert abs(0.12 + look.diffuse + look.specular - 1) < 1e-6
     assert second.HasField("specular") and not second.HasField("diffuse")
-    plain = _request.frame(info(), 1, size=(5000, 4096))
+    large = _request.frame(info(), 1, size=(12000, 4096))
+    _request.set_first_look(large)
+    assert large.samples == look.samples and large.surfaces[0].isovalue == 1 and large.isovalue == 0
+    plain = _request.frame(info(), 1)
+    plain.viewport.width_px = 32769
     _request.set_first_look(plain)
-    assert plain.samples == 0 and plain.surfaces[0].isovalue == 1 and plain.isovalue == 0
+    assert plain.samples == 0
     sampled = _request.frame(info(), 1)
     sampled.samples = 1
     _request.set_first_look(sampled)

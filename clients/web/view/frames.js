@@ -22,12 +22,28 @@ const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEE
   'INTERNAL', 'UNAVAILABLE', 'DATA_LOSS', 'UNAUTHENTICATED'];
 /** These errors are temporary: an agent restarts, a queue empties. */
 const PASSING_CODES = [4, 8, 9, 14];
-/** RESOURCE_EXHAUSTED: no memory, or too many frames wait. */
 const EXHAUSTED = 8;
+/** Reasons of RESOURCE_EXHAUSTED where a smaller picture is refused, too: its place in the queue is missing. */
+const BUSY_REASONS = ['TOO_BUSY', 'RATE_LIMITED'];
+/** A state is sent again after so long, in milliseconds; sooner or later if the server says when, within limits. */
+const RETRY_MS = 2000;
+const LEAST_RETRY_MS = 250;
+const MOST_RETRY_MS = 60000;
 const VERSION_HINT = 'Do server and page have the same version?';
 
 /** @param {any} header */
 const sequenceOf = (header) => Number(header.sequenceNumber ?? 0);
+
+/**
+ * What the error of a frame asks for.
+ * @param {{code?: number, reason?: string, retryDuration?: string}} error `reason` and `retryDuration` of newer servers
+ * @returns {{isPassing: boolean, isTooLarge: boolean, retryMs: number}} `isTooLarge`: a smaller picture may be drawn
+ */
+export function refusalOf({ code = 2, reason = '', retryDuration }) {
+  const told = 1000 * parseFloat(retryDuration ?? '');
+  return { isPassing: PASSING_CODES.includes(Number(code)), isTooLarge: Number(code) === EXHAUSTED && !BUSY_REASONS.includes(reason),
+    retryMs: Number.isFinite(told) ? Math.min(MOST_RETRY_MS, Math.max(LEAST_RETRY_MS, told)) : RETRY_MS };
+}
 
 /** @param {any} message @returns {DepthGrid | null} */
 function gridOf({ header, depths }) {
@@ -53,7 +69,7 @@ export class Frames {
    * @param {Parts} parts
    * @param {{arrived: () => void, changed: () => void, exhausted: () => void, cameraTaken: () => void, shown: (detail: any) => void}} on
    *   `arrived`: a frame waits for `show`; `changed`: a state must be sent; `exhausted`: the server has refused two
-   *   frames on end for want of memory or a place; `cameraTaken`: the camera is the server's
+   *   frames on end for want of memory; `cameraTaken`: the camera is the server's
    */
   constructor(parts, on) {
     this.#parts = parts;
@@ -112,7 +128,7 @@ export class Frames {
     this.#on.arrived();
   }
 
-  /** @param {{code?: number, message?: string}} error @param {number} sequence */
+  /** @param {{code?: number, message?: string, reason?: string, retryDuration?: string}} error @param {number} sequence */
   #fail(error, sequence) {
     const { notices } = this.#parts;
     notices.endWaiting();
@@ -120,17 +136,17 @@ export class Frames {
     const text = (error.message ?? '').trim() || 'the server gives no reason';
     const sentence = text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? '' : '.');
     const code = Number(error.code ?? 2);
-    const isPassing = PASSING_CODES.includes(code);
+    const { isPassing, isTooLarge, retryMs } = refusalOf(error);
     notices.problem(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`);
     clearTimeout(this.#retryTimer);
-    this.#exhaustedCount = code === EXHAUSTED ? this.#exhaustedCount + 1 : 0;
+    this.#exhaustedCount = isTooLarge ? this.#exhaustedCount + 1 : 0;
     if (this.#exhaustedCount === 2) {
       this.#exhaustedCount = 0;
       this.#on.exhausted();
     }
     if (isPassing) {
       // A hidden tab sends it once it is shown.
-      this.#retryTimer = setTimeout(() => this.#on.changed(), 2000);
+      this.#retryTimer = setTimeout(() => this.#on.changed(), retryMs);
     }
   }
 

@@ -7,6 +7,7 @@ Against mock_gateway.mjs, and against a real `isoscope view` where ISOSCOPE_BIN 
 browser_test.py does.
 """
 import contextlib
+import time
 import unittest
 import urllib.parse
 
@@ -474,6 +475,23 @@ class PixelTest(base.PageTest):
             self.until('/^exact/.test(document.getElementById("state").textContent)')
 
 
+    def test_a_server_whose_queue_is_full_is_asked_again_for_all_pixels(self):
+        with size_of(self.browser, 1100, 700):
+            self.open_and_wait('#dataset=ball&surface=40')
+            whole = self.js('return isoscope.view.stats().width')
+            self.gateway.control(fail={'code': 8, 'message': 'the queue is full', 'reason': 'TOO_BUSY', 'retryDuration': '0.300s'},
+                                 reset=True)
+            self.js('isoscope.view.update({ samples: 4 })')
+            end = time.monotonic() + base.PATIENCE_S
+            while self.gateway.control()['states'] < 4 and time.monotonic() < end:
+                time.sleep(0.05)
+            self.assertGreaterEqual(self.gateway.control()['states'], 4)
+            self.assertEqual(whole, self.gateway.control()['last']['frame']['viewport']['widthPx'])
+            self.gateway.control(fail=None)
+            self.until(f'isoscope.view.isExact && isoscope.view.stats().width === {whole}')
+            self.assertEqual('', self.notice())
+
+
 class SmoothTest(PixelTest):
     """WebGL2 by the processor: the same shaders, slowly."""
     QUERY = '?theme=dark&renderer=webgl2'
@@ -511,6 +529,15 @@ class RangeTest(base.PageTest):
         self.until(f'isoscope.view.isExact && {self.RANGE}.min === -2')
         self.assertEqual({'min': -2, 'max': 50}, self.js(f'return {self.RANGE}'))
         self.until('document.getElementById("range-min").value === "-2" && document.getElementById("range-max").value === "50"')
+
+    def test_another_field_keeps_the_material_of_the_first_look(self):
+        self.open_and_wait('#dataset=flow')
+        material = self.js('return isoscope.view.state.surfaces[0].material')
+        self.assertTrue(material)
+        self.js("const menu = document.getElementById('field'); menu.value = 'velocity:x'; menu.dispatchEvent(new Event('change'));")
+        self.until('isoscope.view.isExact && isoscope.view.state.selection?.field === "velocity"')
+        self.assertEqual(material, self.js('return isoscope.view.state.surfaces[0].material'))
+        self.until('/&material=soft/.test(location.hash)')
 
     def test_a_position_has_no_steps(self):
         self.open_and_wait('#dataset=flow&surface=40&step=1&color-by=z:viridis')

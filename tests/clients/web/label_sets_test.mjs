@@ -7,7 +7,7 @@ import {
   LABEL_COLORS, allLabels, areSmooth, asShown, colorOfLabel, foundLabels, inOrder, indexOfLabel, indexWithLabel, isNothing, nameOfLabels,
   nothingOf, onlyLabel, textOfValues, valuesOfText, withColors, withHighlight, withLabels, withSmooth,
 } from '../../../clients/web/label-sets.js';
-import { stateFromHash, stateToCommand, stateToHash, stateToLink } from '../../../clients/web/view-state.js';
+import { stateFromHash, stateToCommand, stateToHash, stateToLink, withMaterialOf } from '../../../clients/web/view-state.js';
 
 // As the gateway writes it: what is 0 or empty is left out.
 const BODY = { name: 'body', labels: [{ name: 'air' }, { value: 1, name: 'Left lung', color: { red: 1, blue: 0.2 } },
@@ -96,6 +96,30 @@ test('a chosen label is found in its surface, shown alone, and highlighted among
   assert.deepEqual(lit.map(({ color }) => color?.alpha), [undefined, 0.15, 0.15, 1]);
   assert.deepEqual(lit[3].color, colorOfLabel(BODY, 1));
   assert.equal(surfaces[1].color.alpha, 1);
+});
+
+test('a link of any number of surfaces opens with as many as a picture may have, and one sentence', () => {
+  const words = (count) => Array.from({ length: count }, (_, i) => `label=${i}`).join('&');
+  for (const [link, leftOut] of [[words(128), 0], [words(129), 1], [words(20000), 19872], ['labels=1-200', 72], ['labels=1-200&label=3:1,0,0&label=150:1,0,0', 72],
+    [`labels=1-127&${words(2)}`, 0], [`isovalue=${Array(128).fill(1).join()}&surface=2`, 1], [Array(300).fill('surface=1').join('&'), 172]]) {
+    const { state, problems } = stateFromHash(`#${link}`);
+    assert.equal(state.surfaces.length, 128, link.slice(0, 40));
+    const sentence = `The last ${leftOut === 1 ? 'surface' : `${leftOut.toLocaleString('en')} surfaces`} of this link ${leftOut === 1 ? 'was' : 'were'} ` +
+      'left out: a picture has at most 128.';
+    assert.deepEqual(problems, leftOut === 0 ? [] : [sentence]);
+  }
+  const { state } = stateFromHash('#labels=1-200&label=3:1,0,0');
+  assert.deepEqual(state.surfaces[2], { labels: [3], color: { red: 1, green: 0, blue: 0, alpha: 1 } });
+});
+
+test('a highlight changes no material, also where only some surfaces have one', () => {
+  const material = { diffuse: 0.5 };
+  const surfaces = [{ isovalue: 60, color: { red: 1, alpha: 1 }, material }, { labels: [3], color: colorOfLabel(BODY, 3) }, { labels: [1], color: colorOfLabel(BODY, 1), material }];
+  const lit = withHighlight(surfaces, 2, BODY);
+  // As a change of the page does it: its surfaces are those that were given, so the highlight can end.
+  assert.equal(withMaterialOf(lit, surfaces), lit);
+  assert.deepEqual(lit.map((one) => one.material), [material, undefined, material]);
+  assert.equal(withMaterialOf(surfaces, lit), surfaces);
 });
 
 test('labels are found by a part of their name, or by their value', () => {

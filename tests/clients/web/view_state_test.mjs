@@ -8,7 +8,7 @@ import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from '../../../clients/web/parameters.js';
 import {
   asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand,
-  stateToHash, tokenOfHash, tokenOfText, withFirstLook, withoutToken,
+  stateToHash, tokenOfHash, tokenOfText, withFirstLook, withMaterialOf, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -104,6 +104,18 @@ test('the material of the first look is one word of a link, for all surfaces or 
   assert.doesNotMatch(stateToHash({ surfaces: [surfaces[0], { isovalue: 2 }] }), /material/);
   assert.deepEqual(stateFromHash('#surface=1&material=glossy'), { state: { surfaces: [{ isovalue: 1 }] }, problems: [] });
   assert.equal(stateFromHash('#surface=1&material=wood').problems.length, 1);
+});
+
+test('new surfaces have the material that all others have', () => {
+  const { surfaces } = withFirstLook({ surfaces: [{ isovalue: 1 }, { isovalue: 2 }] }, '');
+  const other = { isovalue: 7 };
+  const [soft] = withMaterialOf([other], surfaces);
+  assert.deepEqual(soft, { isovalue: 7, material: FIRST_LOOK.material });
+  assert.match(stateToHash({ surfaces: [soft] }), /&material=soft$/);
+  assert.deepEqual(withMaterialOf([...surfaces, other], surfaces).map(({ material }) => material), Array(3).fill(FIRST_LOOK.material));
+  for (const others of [[], [{ isovalue: 1 }], [surfaces[0], { isovalue: 2 }]]) {
+    assert.deepEqual(withMaterialOf([other], others), [other]);
+  }
 });
 
 test('the hash can be read by people, and survives a mail program that encodes it', () => {

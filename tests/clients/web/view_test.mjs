@@ -4,6 +4,7 @@ import { readFileSync, readdirSync } from 'node:fs';
 import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
+import { Frames, refusalOf } from '../../../clients/web/view/frames.js';
 import { workerSource } from '../../../clients/web/view/worker.js';
 import { draw, gridOf } from './mock_gateway.mjs';
 import { cornerDepth, warpByGrid, warpPoint } from './warp.mjs';
@@ -346,6 +347,60 @@ test('the worker is made of source that stands alone', () => {
   const scope = { postMessage() {}, onmessage: null };
   new Function('self', workerSource())(scope);
   assert.equal(typeof scope.onmessage, 'function');
+});
+
+/** Frames of a view whose server only refuses. @param {import('node:test').TestContext} context */
+function refusedFrames(context) {
+  context.mock.timers.enable({ apis: ['setTimeout'] });
+  const seen = { sent: 0, yielded: 0, problems: [] };
+  const parts = { model: { camera: null }, picture: {}, stream: { of: () => undefined }, connection: { acknowledge() {} },
+    notices: { endWaiting() {}, problem: (text) => seen.problems.push(text) },
+    statistics: { counts: { bitmapsMade: 0, bitmapsClosed: 0, bytesReceived: 0, framesDropped: 0 }, decode: { add() {} } } };
+  const frames = new Frames(/** @type {any} */ (parts), { arrived() {}, cameraTaken() {}, shown() {},
+    changed: () => { seen.sent += 1; }, exhausted: () => { seen.yielded += 1; } });
+  return { seen, refuse: (error) => frames.receive({ kind: 'frame', header: { sequenceNumber: '1', error }, bitmap: null, depths: [], bytes: 9, decodeMs: 0 }),
+    wait: (ms) => context.mock.timers.tick(ms) };
+}
+
+test('a server whose queue is full is asked again for the same picture, when it says', (context) => {
+  const { seen, refuse, wait } = refusedFrames(context);
+  for (let i = 1; i <= 5; ++i) {
+    refuse({ code: 8, message: 'full', reason: i % 2 ? 'TOO_BUSY' : 'RATE_LIMITED', retryDuration: '3.5s' });
+    wait(3499);
+    assert.equal(seen.sent, i - 1);
+    wait(1);
+    assert.equal(seen.sent, i);
+  }
+  assert.equal(seen.yielded, 0);
+  assert.equal(seen.problems[0], 'Full. (RESOURCE_EXHAUSTED) Trying again.');
+  refuse({ code: 8, message: 'full', reason: 'TOO_BUSY', retryDuration: '0s' });
+  wait(249);
+  assert.equal(seen.sent, 5, 'never at once, for ever');
+  wait(1);
+  assert.equal(seen.sent, 6);
+});
+
+test('a picture that is refused twice for its memory becomes smaller; older servers give no reason', (context) => {
+  for (const reason of ['TOO_LARGE', undefined]) {
+    const { seen, refuse, wait } = refusedFrames(context);
+    refuse({ code: 8, message: 'never fits', reason });
+    wait(2000);
+    assert.deepEqual([seen.sent, seen.yielded], [1, 0]);
+    refuse({ code: 8, message: 'never fits', reason });
+    assert.equal(seen.yielded, 1);
+    refuse({ code: 8, message: 'never fits', reason });
+    refuse({ code: 8, message: 'full', reason: 'TOO_BUSY' });
+    refuse({ code: 8, message: 'never fits', reason });
+    assert.equal(seen.yielded, 1);
+    context.mock.timers.reset();
+  }
+});
+
+test('what an error of a frame asks for', () => {
+  assert.deepEqual(refusalOf({ code: 8, reason: 'TOO_BUSY', retryDuration: '0.5s' }), { isPassing: true, isTooLarge: false, retryMs: 500 });
+  assert.deepEqual(refusalOf({ code: 8, reason: 'TOO_BUSY', retryDuration: '3600s' }).retryMs, 60000);
+  assert.deepEqual(refusalOf({ code: 14, retryDuration: 'soon' }), { isPassing: true, isTooLarge: false, retryMs: 2000 });
+  assert.deepEqual(refusalOf({}), { isPassing: false, isTooLarge: false, retryMs: 2000 });
 });
 
 test('a refusal is asked again after the time that it tells, and given up when that is too long', async () => {

@@ -57,9 +57,8 @@ from isoscope.look import (
 _FORMATS = {"png": 1, "jpeg": 2, "rgba": 3, "none": 4}
 # The side of a picture that is drawn for its notes alone, in pixels.
 _EMPTY_SIDE = 64
-# A first look of at most so many pixels, drawn with at most this side, has its samples: as `isoscope render`.
-_MAX_FIRST_PIXELS = 4096 * 4096
-_MAX_DRAWN_SIDE = 16384
+# A first look that is drawn with at most this side has its samples: as `isoscope render`.
+_MAX_DRAWN_SIDE = 65536
 #: The most surfaces of a frame.
 MAX_SURFACES = 128
 #: Type and components of a pixel of each plane.
@@ -226,10 +225,10 @@ def set_appearance(
 
 
 def set_first_look(request: pb.RenderIsosurfaceRequest) -> None:
-    """Adds samples and material of the first look, where they are not given. Very large pictures keep one sample."""
+    """Adds samples and material of the first look, where they are not given. What could not be drawn with more keeps one sample."""
     side = math.isqrt(FIRST_LOOK.samples)
     width, height = request.viewport.width_px, request.viewport.height_px
-    if not request.samples and width * height <= _MAX_FIRST_PIXELS and max(width, height) * side <= _MAX_DRAWN_SIDE:
+    if not request.samples and max(width, height) * side <= _MAX_DRAWN_SIDE:
         request.samples = FIRST_LOOK.samples
     _list_surfaces(request)
     for surface in request.surfaces:

@@ -1,11 +1,13 @@
 #include "client-cli/commands/render_flags.h"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
 #include "gtest/gtest.h"
 
 #include "core/cli/flag_set.h"
+#include "core/view/camera.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {
@@ -49,12 +51,27 @@ TEST(FillFirstLookTest, AFlagOfTheCameraOrARecordKeepsTheServersDefaults) {
 }
 
 // A region of a poster has its pixels, so both have as many samples.
-TEST(FillFirstLookTest, PostersTheirRegionsAndPlanesKeepOneSample) {
-  EXPECT_TRUE(Parse({"--width", "4096", "--height", "4096"}).effects.samples.has_value());
+TEST(FillFirstLookTest, PostersAndTheirRegionsHaveTheSamplesOfPictures) {
   for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
-           {"--width", "5000", "--height", "5000"},
+           {"--width", "4096", "--height", "4096"},
+           {"--width", "12000", "--height", "12000"},
            {"--width", "9000", "--height", "100"},
-           {"--width", "5000", "--height", "5000", "--region", "0,0,100,100"}}) {
+           {"--width", "32768", "--height", "32768"},
+           {"--width", "12000", "--height", "12000", "--culling", "mask"},
+           {"--width", "12000", "--height", "12000", "--region", "0,0,100,100"}}) {
+    const RenderFlags flags = Parse(arguments);
+    EXPECT_EQ(flags.effects.samples, 4) << arguments[1];
+    EXPECT_EQ(flags.look.material, client::MaterialChoice::kSoft);
+  }
+  const view::Viewport drawn = Parse({"--width", "12000", "--height", "12000"}).drawn_size();
+  EXPECT_LE(std::max(drawn.width_px, drawn.height_px), view::kMaxViewportPx);
+}
+
+TEST(FillFirstLookTest, WhatCannotBeDrawnWithMoreAndPlanesKeepOneSample) {
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"--width", "32769", "--height", "100"},
+           {"--width", "32769", "--height", "100", "--region", "0,0,100,100"},
+           {"--width", "9000", "--height", "100", "--culling", "mask"}}) {
     const RenderFlags flags = Parse(arguments);
     EXPECT_FALSE(flags.effects.samples.has_value()) << arguments[1];
     EXPECT_EQ(flags.look.material, client::MaterialChoice::kSoft);

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "absl/strings/match.h"
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 
@@ -44,14 +45,21 @@ TEST(FlagsOfFrameTest, NumbersAreReadAsTheSameBits) {
   frame.mutable_viewport()->set_height_px(480);
   frame.mutable_camera()->mutable_eye()->set_x(1.0 / 3);
   frame.mutable_camera()->mutable_up()->set_y(1);
-  EXPECT_EQ(FlagsOfFrame(frame),
+  const ViewedSurfaces surfaces{.isovalue = 0.1};
+  EXPECT_EQ(FlagsOfFrame(frame, surfaces),
             "--isovalue 0.1 --eye 0.3333333333333333,0.0,0.0 --target 0.0,0.0,0.0 --up 0.0,1.0,0.0 "
             "--width 640 --height 480");
   wire::AddFirstMaterial(&frame);
   frame.set_samples(4);
-  EXPECT_EQ(FlagsOfFrame(frame),
+  EXPECT_EQ(FlagsOfFrame(frame, surfaces),
             "--isovalue 0.1 --eye 0.3333333333333333,0.0,0.0 --target 0.0,0.0,0.0 --up 0.0,1.0,0.0 "
             "--material soft --samples 4 --width 640 --height 480");
+  ViewedSurfaces labels;
+  labels.labels.push_back({.values = {3}, .is_smooth = true});
+  EXPECT_TRUE(absl::StartsWith(FlagsOfFrame(frame, labels), "--label 3 --smooth-labels --eye "))
+      << FlagsOfFrame(frame, labels);
+  labels.isovalue = 2;
+  EXPECT_TRUE(absl::StartsWith(FlagsOfFrame(frame, labels), "--isovalue 2.0 --label 3 --smooth"));
 }
 
 }  // namespace

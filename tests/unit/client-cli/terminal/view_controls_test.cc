@@ -1,6 +1,8 @@
 #include "client-cli/terminal/view_controls.h"
 
+#include <cstddef>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include "absl/strings/str_split.h"
@@ -148,6 +150,35 @@ TEST(ViewControlsTest, IsovaluesStepOnRoundNumbersInsideTheRange) {
   EXPECT_EQ(controls.isovalue(), 255);
   Type(std::string(50, '{'), &controls);
   EXPECT_EQ(controls.isovalue(), 0);
+}
+
+TEST(ViewControlsTest, LabelsAreShownAloneOneAfterTheOtherAndThenAllAgain) {
+  ViewControls controls(kVolume, std::nullopt, 3);
+  EXPECT_EQ(controls.label_alone(), std::nullopt);
+  for (const std::optional<std::size_t> next :
+       {std::optional<std::size_t>(0), std::optional<std::size_t>(1), std::optional<std::size_t>(2),
+        std::optional<std::size_t>()}) {
+    EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = 'n'}), Effect::kMoved);
+    EXPECT_EQ(controls.label_alone(), next);
+  }
+  Type("N", &controls);
+  EXPECT_EQ(controls.label_alone(), 2) << "before all is the last one";
+  Type("N", &controls);
+  EXPECT_EQ(controls.label_alone(), 1);
+  Type("a", &controls);
+  EXPECT_EQ(controls.label_alone(), std::nullopt);
+  EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = 'a'}), Effect::kNone);
+  Type("nh0", &controls);
+  EXPECT_EQ(controls.label_alone(), std::nullopt) << "the first view has all";
+  EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = ']'}), Effect::kNone);
+  EXPECT_EQ(controls.isovalue(), std::nullopt) << "no surface has one";
+}
+
+TEST(ViewControlsTest, WithoutLabelsTheirKeysDoNothing) {
+  ViewControls controls(kVolume, 60);
+  for (const char c : {'n', 'N', 'a'}) {
+    EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = c}), Effect::kNone);
+  }
 }
 
 TEST(ViewControlsTest, OtherKeysDoNothing) {

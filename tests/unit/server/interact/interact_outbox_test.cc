@@ -15,13 +15,17 @@
 #include <utility>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "absl/time/time.h"
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/error_reason.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/retry_delay.h"
 #include "tests/support/event_table.h"
 
 namespace isoscope::server {
@@ -191,6 +195,25 @@ TEST(InteractOutboxTest, AnErrorIsNotDroppedForItsAge) {
       write           -> moving 2 as 1
       written         ->
       write           -> error 5: no such dataset, state 1 as 2)");
+}
+
+// A page makes its picture smaller for TOO_LARGE alone, and asks again after the time.
+TEST(InteractOutboxTest, AnErrorHasTheReasonAndTheTimeThatOtherCallsHave) {
+  InteractAnswer busy;
+  busy.message.mutable_frame()->set_png("picture");
+  busy.SetError(base::WithRetryDelay(absl::ResourceExhaustedError("full"), absl::Seconds(1.5)));
+  EXPECT_FALSE(busy.message.has_frame());
+  EXPECT_EQ(busy.message.error().reason(), "TOO_BUSY");
+  EXPECT_EQ(busy.message.error().retry_duration().seconds(), 1);
+  EXPECT_EQ(busy.message.error().retry_duration().nanos(), 500'000'000);
+  InteractAnswer large;
+  large.SetError(absl::ResourceExhaustedError("never fits"));
+  EXPECT_EQ(large.message.error().reason(), "TOO_LARGE");
+  EXPECT_FALSE(large.message.error().has_retry_duration());
+  InteractAnswer stops;
+  stops.SetError(
+      base::WithReason(absl::UnavailableError("draining"), base::ErrorReason::kServerStops));
+  EXPECT_EQ(stops.message.error().reason(), "SERVER_STOPS");
 }
 
 // The client shows nothing for an error, and acknowledges nothing.

@@ -21,12 +21,16 @@ class DepthGrid(_message.Message):
     def __init__(self, width: _Optional[int] = ..., height: _Optional[int] = ..., near: _Optional[float] = ..., far: _Optional[float] = ..., depths: _Optional[bytes] = ...) -> None: ...
 
 class FrameError(_message.Message):
-    __slots__ = ["code", "message"]
+    __slots__ = ["code", "message", "reason", "retry_duration"]
     CODE_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    RETRY_DURATION_FIELD_NUMBER: _ClassVar[int]
     code: int
     message: str
-    def __init__(self, code: _Optional[int] = ..., message: _Optional[str] = ...) -> None: ...
+    reason: str
+    retry_duration: _duration_pb2.Duration
+    def __init__(self, code: _Optional[int] = ..., message: _Optional[str] = ..., reason: _Optional[str] = ..., retry_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class FrameShown(_message.Message):
     __slots__ = ["decode_duration", "frame_number"]
