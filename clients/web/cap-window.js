@@ -14,7 +14,10 @@ const isOffered = () => abilities.features.includes('color_ranges');
 export const capsOf = (/** @type {string} */ choice) => choice === 'open' ? undefined : choice === 'filled' ? {}
   : { colorMap: 'COLOR_MAP_GREY', ...(isOffered() ? { range: CAP_WINDOW } : {}) };
 
-/** The range that the last picture had on its cuts. @type {any} */
+/**
+ * The range that the last picture had on its cuts.
+ * @type {any}
+ */
 let capsRange = null;
 
 /** @param {any} frame of the response */
