@@ -419,8 +419,10 @@ async function respond(request, body, reply) {
       seen.renders.push(frame);
       const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
       const mapped = surfacesOf(frame).flatMap(({ colorBy }, i) => colorBy ? [[i, [0.123456 - i, 7.98765]]] : []);
-      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb),
-        mapped.length > 0 ? { 'X-Isoscope-Color-Ranges': JSON.stringify(Object.fromEntries(mapped)) } : {});
+      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb), { 'X-Isoscope-Camera': JSON.stringify(view.cameraToJson(image.camera)),
+        ...(mapped.length > 0 ? { 'X-Isoscope-Color-Ranges': JSON.stringify(Object.fromEntries(mapped)) } : {}) });
+    } else if (/^mesh\.\w+$/.test(parts[3])) {
+      reply(200, 'application/octet-stream', `a ${parts[3]}`);
     } else {
       fail(404, 'NOT_FOUND', `there is no ${url.pathname}`);
     }

@@ -301,8 +301,8 @@ test('a picture is posted to an address with what is drawn over it, and the comm
 
 test('meshes have their selection and clip region, opaque colours, and as STL none', () => {
   const state = { dataset: 'ball', selection: { field: 'p', timeStep: 3 }, samples: 4, caps: {}, clip: { halfSpaces: [{ normal: { x: 1 }, offset: 2 }] },
-    surfaces: [{ isovalue: 60, color: { red: 1, green: 0.5, blue: 0, alpha: 0.25 }, colorBy: { quantity: 'QUANTITY_NORMAL' } }, { labels: [3, 4], smoothLabels: true }] };
-  assert.equal(meshAddress(state, 'ply'), 'v1/datasets/ball/mesh.ply?field=p&step=3&surface=60:1,0.5,0&label=3-4&smooth-labels=&clip-plane=1,0,0,2');
-  assert.equal(meshAddress(state, 'stl'), 'v1/datasets/ball/mesh.stl?field=p&step=3&surface=60&label=3-4&smooth-labels=&clip-plane=1,0,0,2');
+    surfaces: [{ isovalue: 60, color: { red: 1, green: 0.5, blue: 0, alpha: 0.25 }, colorBy: { quantity: 'QUANTITY_NORMAL' } }, { labels: [3, 4, 5], smoothLabels: true }] };
+  assert.equal(meshAddress(state, 'ply'), 'v1/datasets/ball/mesh.ply?field=p&step=3&surface=60:1,0.5,0&label=3-5&smooth-labels=&clip-plane=1,0,0,2');
+  assert.equal(meshAddress(state, 'stl'), 'v1/datasets/ball/mesh.stl?field=p&step=3&surface=60&label=3-5&smooth-labels=&clip-plane=1,0,0,2');
   assert.deepEqual(MESH_FORMATS.map(([format]) => format).sort(), ['glb', 'obj', 'ply', 'stl', 'vtp']);
 });
