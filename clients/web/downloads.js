@@ -4,13 +4,13 @@
 // the view of the moment when it began.
 // @ts-check
 
-import { abilities } from './abilities.js';
+import { abilities, findWebp } from './abilities.js';
 import { byId, make, page } from './elements.js';
 import { drawFilm, frameCountOf, whyNoFilm } from './film.js';
 import { announcer, copy, say } from './messages.js';
 import { client, shown } from './page-view.js';
 import { format, formatBytes } from './values.js';
-import { MESH_FORMATS, fileOf, meshAddress, pictureAddress, stateToCommand, stateToLink } from './view-state.js';
+import { MESH_FORMATS, fileOf, meshAddress, pictureAddress, stateToCommand, stateToLink, webpAddress } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 /** @typedef {import('./film.js').Film} Film */
@@ -21,6 +21,7 @@ const scaleBar = byId('draw-scale-bar', HTMLInputElement);
 const legend = byId('draw-legend', HTMLInputElement);
 const record = byId('record', HTMLInputElement);
 const filmKind = byId('film-kind', HTMLSelectElement);
+const filmFormat = byId('film-format', HTMLSelectElement);
 const filmFrames = byId('film-frames', HTMLInputElement);
 const filmStride = byId('film-stride', HTMLInputElement);
 const filmRate = byId('film-rate', HTMLInputElement);
@@ -124,7 +125,7 @@ export function listenToDownloads(series) {
     height: Math.round(page.height.valueAsNumber) || shown.loop.picture.height });
   const drawnOfDialog = () => ({ axes: axes.checked, scaleBar: scaleBar.checked, legend: legend.checked && !legend.disabled, caption: caption.value });
   /** @returns {Film} */
-  const filmOfDialog = () => ({ kind: filmKind.value === 'steps' ? 'steps' : 'turn', frameCount: filmFrames.valueAsNumber,
+  const filmOfDialog = () => ({ format: filmFormat.value === 'webp' ? 'webp' : 'apng', kind: filmKind.value === 'steps' ? 'steps' : 'turn', frameCount: filmFrames.valueAsNumber,
     steps: series.steps.map(({ number }) => number).filter((_, i) => i % (Math.round(filmStride.valueAsNumber) || 1) === 0),
     framesPerSecond: filmRate.valueAsNumber, ...sizeOfDialog() });
 
@@ -153,13 +154,23 @@ export function listenToDownloads(series) {
       : `draws this picture; HOST is the coordinator${client.token ? ', TOKEN_FILE has its token' : ''}`;
     drawFilmRows();
   }
+  let isWebpOffered = false;
+  /** WebP is the smaller film, where the gateway has its frames. */
+  async function offerWebp() {
+    if (!isWebpOffered && await findWebp() && !isWebpOffered) {
+      isWebpOffered = true;
+      filmFormat.prepend(make('option', { value: 'webp' }, 'WebP'));
+      filmFormat.value = 'webp';
+      drawDialog();
+    }
+  }
   /** Whether people chose a size; else it is that of the view. */
   let isSizeChosen = false;
   page.width.oninput = page.height.oninput = () => {
     isSizeChosen = true;
     drawDialog();
   };
-  for (const input of [page.saveSamples, page.transparent, axes, scaleBar, legend, caption, filmKind, filmFrames, filmStride, filmRate]) {
+  for (const input of [page.saveSamples, page.transparent, axes, scaleBar, legend, caption, filmFormat, filmKind, filmFrames, filmStride, filmRate]) {
     input.oninput = drawDialog;
   }
   // The server sends the camera of a view that is being fitted.
@@ -172,6 +183,7 @@ export function listenToDownloads(series) {
     page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
     drawDialog();
     page.dialog.showModal();
+    offerWebp();
   };
   byId('copy-command', HTMLElement).onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
   byId('sizes', HTMLElement).append(...[['As shown', 0], ['1080p', 1080], ['4K', 2160], ['Print, 8K', 4320]].map(([name, side]) =>
@@ -196,12 +208,13 @@ export function listenToDownloads(series) {
   saveFilm.onclick = async () => {
     const film = filmOfDialog();
     const state = stateOfDialog();
-    const address = pictureAddress(state.dataset ?? '', drawnOfDialog(), false);
+    const drawn = drawnOfDialog();
     const count = frameCountOf(film);
     filmProgress.max = count;
     filmProgress.hidden = false;
-    await download(saveFilm, filmNote, '', `${nameOf(state)}.apng`, (signal) => drawFilm(film, { ...state, withNotes: undefined },
-      (request) => client.post(address, request, signal), signal, (done) => {
+    await download(saveFilm, filmNote, '', `${nameOf(state)}.${film.format}`, (signal) => drawFilm(film, { ...state, withNotes: undefined },
+      (request, format) => format === 'webp' ? client.request(webpAddress(request, drawn), { signal, cache: 'no-store' })
+        : client.post(pictureAddress(state.dataset ?? '', drawn, false), request, signal), signal, (done) => {
         filmProgress.value = done;
         filmNote.textContent = `frame ${done + 1} of ${count}`;
       }));

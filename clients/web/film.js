@@ -2,17 +2,19 @@
 //
 //   1  the first frame is the view's; its answer tells the camera that was fitted and the ranges that it showed
 //   2  the others keep both, so that nothing jumps: only the eye goes around, or the step on
-//   3  each is the server's exact picture, and its pixels are kept (apng.js)
+//   3  each is the server's exact picture, whose bytes are put into the film (apng.js, webp.js)
 //
 // Pure: no element, no view.
 // @ts-check
 
 import { ApngWriter } from './apng.js';
 import { add, normalize, rotate, sub, vecFromJson, vecToJson } from './view/vectors.js';
+import { WebpWriter } from './webp.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 /**
  * @typedef {object} Film
+ * @property {'apng' | 'webp'} format
  * @property {'turn' | 'steps'} kind
  * @property {number} frameCount of a turn
  * @property {number[]} steps of a film of them: their numbers
@@ -24,6 +26,7 @@ import { add, normalize, rotate, sub, vecFromJson, vecToJson } from './view/vect
 /** The most pixels of all frames: 72 frames of 4K. Browsers hold the film until it is saved. */
 export const MAX_FILM_PIXELS = 600e6;
 export const MAX_FRAMES = 3600;
+const MAX_WEBP_SIDE = 16383;
 
 /** @param {Film} film */
 export const frameCountOf = ({ kind, frameCount, steps }) => kind === 'steps' ? steps.length : frameCount;
@@ -33,7 +36,7 @@ export const frameCountOf = ({ kind, frameCount, steps }) => kind === 'steps' ? 
  * @param {Film} film
  */
 export function whyNoFilm(film) {
-  const { framesPerSecond, width, height } = film;
+  const { format, framesPerSecond, width, height } = film;
   const count = frameCountOf(film);
   const pixels = count * width * height;
   if (!Number.isInteger(count) || count < 2 || count > MAX_FRAMES) {
@@ -41,6 +44,9 @@ export function whyNoFilm(film) {
   }
   if (!(framesPerSecond >= 0.1 && framesPerSecond <= 120)) {
     return 'A film has 0.1 to 120 frames a second.';
+  }
+  if (format === 'webp' && Math.max(width, height) > MAX_WEBP_SIDE) {
+    return `A WebP has at most ${MAX_WEBP_SIDE} pixels a side: make it smaller, or an APNG.`;
   }
   return pixels <= MAX_FILM_PIXELS ? '' : `${count} frames of ${width} × ${height} are ${Math.ceil(pixels / 1e6)} million pixels, and this page ` +
     `holds ${MAX_FILM_PIXELS / 1e6} million: make it smaller or shorter, or let isoscope render make it.`;
@@ -92,24 +98,36 @@ export function requestOfFrame(film, request, i) {
 }
 
 /**
+ * Whether only an answer tells the camera and the ranges of a request.
+ * @param {FrameRequest} request
+ */
+const isOpen = ({ camera, cameraFit, caps, surfaces }) => !camera || Boolean(cameraFit) || isOfPicture(caps?.range) ||
+  (surfaces ?? []).some((/** @type {any} */ { colorBy }) => isOfPicture(colorBy?.range));
+
+/**
  * Draws a film. Rejects with the error of the frame that failed, which it names, or with that of the signal.
  * @param {Film} film of which `whyNoFilm` says nothing @param {FrameRequest} request of the view, without a size
- * @param {(request: FrameRequest) => Promise<Response>} draw answers a PNG
+ * @param {(request: FrameRequest, format: 'png' | 'webp') => Promise<Response>} draw of a WebP, camera and ranges are given
  * @param {AbortSignal} signal @param {(doneCount: number) => void} tell before each frame
  * @returns {Promise<Blob>}
  */
 export async function drawFilm(film, request, draw, signal, tell) {
   const count = frameCountOf(film);
-  const writer = new ApngWriter({ frameCount: count, framesPerSecond: film.framesPerSecond });
+  const isWebp = film.format === 'webp';
+  const writer = new (isWebp ? WebpWriter : ApngWriter)({ frameCount: count, framesPerSecond: film.framesPerSecond });
   // A frame of APNG has the channels of the first one, and only opaque pictures are all alike.
-  let kept = { ...request, backgroundColor: { ...request.backgroundColor, alpha: 1 },
-    viewport: { widthPx: film.width, heightPx: film.height } };
+  /** @type {FrameRequest} */
+  let kept = { ...request, backgroundColor: { ...request.backgroundColor, alpha: 1 }, viewport: { widthPx: film.width, heightPx: film.height } };
   for (let i = 0; i < count; ++i) {
     tell(i);
     try {
-      const answer = await draw(requestOfFrame(film, kept, i));
+      if (i === 0 && isWebp && isOpen(kept)) {
+        // An address can't ask for all that a posted request can: this picture is for its camera and ranges alone.
+        kept = keptOf(kept, (await draw(requestOfFrame(film, kept, 0), 'png')).headers);
+      }
+      const answer = await draw(requestOfFrame(film, kept, i), isWebp ? 'webp' : 'png');
       if (i === 0) {
-        kept = /** @type {any} */ (keptOf(kept, answer.headers));
+        kept = keptOf(kept, answer.headers);
       }
       writer.add(new Uint8Array(await answer.arrayBuffer()));
     } catch (error) {

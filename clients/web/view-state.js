@@ -282,6 +282,15 @@ export function pictureAddress(dataset, drawn, hasRecord) {
   return `v1/datasets/${encodeURIComponent(dataset)}/render${query ? `?${query}` : ''}`;
 }
 
+/**
+ * The address of a lossless WebP, which is not posted. The request has its size, a camera and no fit.
+ * @param {FrameRequest} request @param {Drawn} drawn
+ */
+export function webpAddress({ dataset, viewport, ...state }, drawn) {
+  const words = [...stateToWords(state), ['width', String(viewport.widthPx)], ['height', String(viewport.heightPx)], ['format', 'webp'], ...drawnToWords(drawn)];
+  return `v1/datasets/${encodeURIComponent(dataset ?? '')}/render?${toHash(/** @type {[string, string][]} */ (words))}`;
+}
+
 /** The formats of meshes that the gateway has, and what each is for. @type {[string, string][]} */
 export const MESH_FORMATS = [['glb', 'GLB: viewers, slides'], ['stl', 'STL: printing, no colours'], ['ply', 'PLY: MeshLab, Blender'],
   ['obj', 'OBJ: any program'], ['vtp', 'VTP: ParaView']];

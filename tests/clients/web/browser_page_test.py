@@ -568,6 +568,28 @@ class Downloads:
         address = [one for one in self.gateway.control()['targets'] if '/render' in one][-1]
         return dict(urllib.parse.parse_qsl(urllib.parse.urlsplit(address).query, keep_blank_values=True))
 
+    def played(self, film, kind):
+        """What the browser's own decoder finds: the count of frames, their size, and a channel of the first pixel of each."""
+        self.browser.set_script_timeout(base.PATIENCE_S)
+        count, width, height, values = self.browser.execute_async_script("""const [text, type, done] = arguments;
+            (async () => {
+              const decoder = new ImageDecoder({ data: Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)), type });
+              await decoder.tracks.ready;
+              const { frameCount } = decoder.tracks.selectedTrack;
+              const values = [];
+              let size = [0, 0];
+              for (let frameIndex = 0; frameIndex < frameCount; ++frameIndex) {
+                const { image } = await decoder.decode({ frameIndex });
+                size = [image.displayWidth, image.displayHeight];
+                const canvas = new OffscreenCanvas(...size).getContext('2d');
+                canvas.drawImage(image, 0, 0);
+                values.push(canvas.getImageData(0, 0, 1, 1).data[0]);
+                image.close();
+              }
+              done([frameCount, ...size, values]);
+            })().catch((error) => done([String(error), 0, 0, []]));""", base.base64.b64encode(film).decode(), kind)
+        return count, width, height, values
+
     @staticmethod
     def chunks(png):
         """The types of the chunks of a PNG."""
@@ -623,6 +645,7 @@ class DownloadTest(Downloads, base.PageTest):
         self.by_id('save-film').click()
         film = self.file('ball.apng')
         self.assertEqual(6, self.chunks(film).count('fcTL'))
+        self.assertEqual((6, 40, 30), self.played(film, 'image/png')[:3])
         self.until('!document.getElementById("save-film").hidden')
         self.assertEqual([f'frame {i} of 6' for i in range(1, 7)], self.js('return told')[:-1][-6:])
         renders = self.gateway.control()['renders']
@@ -632,6 +655,18 @@ class DownloadTest(Downloads, base.PageTest):
             self.assertAlmostEqual(base.math.hypot(*eyes[0]), base.math.hypot(*eye))
         self.assertEqual([{'source': 'SOURCE_VISIBLE'}] + 5 * [{'min': 0.123456, 'max': 7.98765}],
                          [one['surfaces'][0]['colorBy']['range'] for one in renders])
+
+    def test_a_browser_plays_a_film_of_webps_where_the_gateway_has_them(self):
+        self.gateway.control(hasWebp=True)
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.until('document.getElementById("film-format").value === "webp"')
+        self.fill(width=41, height=31, film_frames=5, draw_axes=True)
+        self.by_id('save-film').click()
+        self.assertEqual((5, 41, 31, [0, 1, 2, 3, 4]), self.played(self.file('ball.webp'), 'image/webp'))
+        targets = [one for one in self.gateway.control()['targets'] if 'format=webp' in one]
+        self.assertEqual(5, len({urllib.parse.parse_qs(one)['eye'][0] for one in targets}))
+        self.assertTrue(all(one.endswith('&axes=') for one in targets))
 
     def test_a_film_of_steps_shows_every_second_one(self):
         self.open_and_wait('#dataset=flow&surface=40&step=1')
@@ -664,7 +699,7 @@ class DownloadTest(Downloads, base.PageTest):
         self.js('document.getElementById("save-film").focus()')
         base.ActionChains(self.browser).send_keys(Keys.ENTER).perform()
         self.until('/^frame [3-9] of 2000/.test(document.getElementById("film-note").textContent)')
-        self.assertEqual('Cancel: Download APNG', self.js('return document.activeElement.getAttribute("aria-label")'))
+        self.assertEqual('Cancel: Download film', self.js('return document.activeElement.getAttribute("aria-label")'))
         self.assertTrue(self.js('return !document.getElementById("film-progress").hidden'))
         base.ActionChains(self.browser).send_keys(Keys.ENTER).perform()
         self.until('document.getElementById("film-note").textContent === "Cancelled." && document.getElementById("film-progress").hidden')
@@ -741,7 +776,7 @@ class RealDownloadTest(Downloads, base.RealPageTest):
         self.assertGreater(count, 1000)
         self.assertEqual(84 + 50 * count, len(mesh))
 
-        self.fill(width=90, height=60, film_frames=5, film_rate=10)
+        self.fill(width=90, height=60, film_frames=5, film_rate=10, film_format='apng')
         self.by_id('save-film').click()
         film = self.file(f'{name}.apng')
         self.assertEqual(5, self.chunks(film).count('fcTL'))

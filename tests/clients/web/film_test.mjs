@@ -1,11 +1,12 @@
-// Films: the requests of their frames, and the APNG that the frames become.
+// Films: the requests of their frames, and the APNG or WebP that the frames become.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { inflateSync } from 'node:zlib';
 
 import { ApngWriter } from '../../../clients/web/apng.js';
 import { MAX_FILM_PIXELS, drawFilm, frameCountOf, keptOf, orbited, requestOfFrame, whyNoFilm } from '../../../clients/web/film.js';
-import { encodePng } from './mock_gateway.mjs';
+import { WebpWriter } from '../../../clients/web/webp.js';
+import { encodeGreyWebp, encodePng } from './mock_gateway.mjs';
 
 /** @param {Blob} blob */
 const bytesOf = async (blob) => Buffer.from(await blob.arrayBuffer());
@@ -102,8 +103,82 @@ test('what is no picture like the first one is refused, and so is a film without
   assert.throws(() => writer.finish(), /2 frames was given 1/);
 });
 
+/** @param {number} width @param {number} height @param {number} level */
+const webp = (width, height, level) => new Uint8Array(encodeGreyWebp(width, height, level));
+
+// Reads an animated WebP: {flags, width, height, plays, frames: [{width, height, ms, how, image}]}. Fails where a viewer may.
+function readWebp(file) {
+  const word = (at) => file.toString('latin1', at, at + 4);
+  assert.deepEqual([word(0), file.readUInt32LE(4), word(8)], ['RIFF', file.length - 8, 'WEBP']);
+  const film = { flags: -1, width: 0, height: 0, plays: -1, frames: [] };
+  const order = [];
+  for (let at = 12; at < file.length;) {
+    const size = file.readUInt32LE(at + 4);
+    assert.ok(at + 8 + size <= file.length);
+    const data = file.subarray(at + 8, at + 8 + size);
+    order.push(word(at));
+    if (word(at) === 'VP8X') {
+      Object.assign(film, { flags: data[0], width: data.readUIntLE(4, 3) + 1, height: data.readUIntLE(7, 3) + 1 });
+      assert.equal(size, 10);
+    } else if (word(at) === 'ANIM') {
+      assert.equal(size, 6);
+      film.plays = data.readUInt16LE(4);
+    } else {
+      assert.deepEqual([data.readUIntLE(0, 3), data.readUIntLE(3, 3)], [0, 0]);
+      assert.equal(data.toString('latin1', 16, 20), 'VP8L');
+      const length = data.readUInt32LE(20);
+      assert.equal(size, 24 + length + length % 2);
+      film.frames.push({ width: data.readUIntLE(6, 3) + 1, height: data.readUIntLE(9, 3) + 1, ms: data.readUIntLE(12, 3), how: data[15], image: data.subarray(24) });
+    }
+    at += 8 + size + size % 2;
+  }
+  assert.deepEqual(order, ['VP8X', 'ANIM', ...film.frames.map(() => 'ANMF')]);
+  return film;
+}
+
+test('a WebP film has the images of its frames as they came, and as a whole the length of all', async () => {
+  const writer = new WebpWriter({ frameCount: 7, framesPerSecond: 12 });
+  const frames = [0, 1, 2, 3, 4, 5, 6].map((level) => webp(300, 70, 40 * level));
+  frames.forEach((frame) => writer.add(frame));
+  const film = readWebp(await bytesOf(writer.finish()));
+  assert.deepEqual([film.flags, film.width, film.height, film.plays, film.frames.length], [2, 300, 70, 0, 7]);
+  film.frames.forEach(({ width, height, how, image }, i) => {
+    assert.deepEqual([width, height, how], [300, 70, 2]);
+    assert.deepEqual([...image], [...frames[i].subarray(20)]);
+  });
+  // 7 / 12 s, whatever the rounding of each.
+  assert.equal(film.frames.reduce((sum, { ms }) => sum + ms, 0), 583);
+});
+
+test('the image is found behind other chunks, and its alpha is told', async () => {
+  const plain = webp(5, 4, 9);
+  plain[24] |= 0x10;  // whether it has alpha
+  const extended = Buffer.concat([Buffer.from('RIFF....WEBPVP8X\n\0\0\0'), Buffer.alloc(10), Buffer.from('ICCP\x03\0\0\0abc\0'), plain.subarray(12)]);
+  const writer = new WebpWriter({ frameCount: 1, framesPerSecond: 0.1 });
+  writer.add(new Uint8Array(extended));
+  const film = readWebp(await bytesOf(writer.finish()));
+  assert.deepEqual([film.flags, film.width, film.height, film.frames[0].ms], [18, 5, 4, 10000]);
+});
+
+test('what is no lossless WebP like the first one is refused, and so is a film without all frames', () => {
+  const writer = new WebpWriter({ frameCount: 2, framesPerSecond: 12 });
+  const first = webp(40, 40, 200);
+  for (let size = 0; size < first.length; ++size) {
+    assert.throws(() => writer.add(first.slice(0, size)), /not a whole lossless WebP/);
+  }
+  for (const [at, byte] of [[0, 0], [8, 0], [15, 32], [20, 0]]) {  // the last two: lossy, and no image at all
+    const other = first.slice();
+    other[at] = byte;
+    assert.throws(() => writer.add(other), /not a whole lossless WebP/);
+  }
+  assert.throws(() => writer.add(png(4, 4, 1)), /not a whole lossless WebP/);
+  writer.add(first);
+  assert.throws(() => writer.add(webp(40, 41, 200)), /another size/);
+  assert.throws(() => writer.finish(), /2 frames was given 1/);
+});
+
 const CAMERA = { eye: { x: 1, y: 2, z: 8 }, target: { x: 1, y: 2, z: 3 }, up: { x: 0, y: 2, z: 0 }, perspective: { fovYDegrees: 29.999999999999996 } };
-const TURN = { kind: 'turn', frameCount: 4, steps: [], framesPerSecond: 12, width: 6, height: 4 };
+const TURN = { format: 'apng', kind: 'turn', frameCount: 4, steps: [], framesPerSecond: 12, width: 6, height: 4 };
 
 test('a turn goes around the target about up, to the side of the command line, and keeps all else', () => {
   const quarter = orbited(CAMERA, 90);
@@ -168,6 +243,30 @@ test('a turn asks for opaque frames of one size, the first as it is and the othe
   assert.ok(asked.slice(1).every(({ cameraFit, backgroundColor }) => cameraFit === undefined && backgroundColor.alpha === 1));
   assert.deepEqual(readApng(await bytesOf(film)).frames.map(({ pixels }) => pixels[1]), [0, 40, 80, 120]);
   assert.equal(film.type, 'image/apng');
+});
+
+test('frames of a WebP film are asked for with camera and ranges, for which one picture comes before', async () => {
+  const asked = [];
+  const draw = async (request, format) => {
+    asked.push([format, request]);
+    const headers = { 'X-Isoscope-Camera': JSON.stringify(CAMERA), 'X-Isoscope-Color-Ranges': '{"0":[1,2]}' };
+    return new Response(format === 'webp' ? webp(6, 4, 40 * asked.length) : png(6, 4, 1), { headers });
+  };
+  const film = { ...TURN, format: 'webp' };
+  const open = { ...STATE, surfaces: [{ isovalue: 5, colorBy: { quantity: 'QUANTITY_FIELD', field: 'p', range: { source: 'SOURCE_VISIBLE' } } }] };
+  const file = await drawFilm(film, open, draw, new AbortController().signal, () => {});
+  assert.deepEqual(asked.map(([format]) => format), ['png', 'webp', 'webp', 'webp', 'webp']);
+  for (const [, { camera, cameraFit, surfaces }] of asked.slice(1)) {
+    assert.deepEqual([camera.target, cameraFit, surfaces[0].colorBy.range], [CAMERA.target, undefined, { min: 1, max: 2 }]);
+  }
+  assert.deepEqual(asked[1][1].camera, CAMERA);
+  assert.equal(readWebp(await bytesOf(file)).frames.length, 4);
+  assert.equal(file.type, 'image/webp');
+  asked.length = 0;
+  await drawFilm(film, { dataset: 'ball', surfaces: [{ isovalue: 5 }], camera: CAMERA }, draw, new AbortController().signal, () => {});
+  assert.deepEqual(asked.map(([format]) => format), ['webp', 'webp', 'webp', 'webp'], 'a picture for nothing');
+  assert.match(whyNoFilm({ ...film, width: 16384 }), /at most 16383/);
+  assert.equal(whyNoFilm({ ...TURN, width: 16384 }), '');
 });
 
 test('a frame that fails is named, and none is asked for after it', async () => {

@@ -8,7 +8,7 @@ import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from '../../../clients/web/parameters.js';
 import {
   asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, drawnToWords, fileOf, MESH_FORMATS, meshAddress, otherSideOf,
-  pictureAddress, stateFromHash, stateToCommand, stateToHash, tokenOfHash, tokenOfText, withFirstLook, withoutToken,
+  pictureAddress, stateFromHash, stateToCommand, stateToHash, tokenOfHash, tokenOfText, webpAddress, withFirstLook, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -297,6 +297,15 @@ test('a picture is posted to an address with what is drawn over it, and the comm
   assert.match(command, /--axes \\\n {2}--scale-bar \\\n {2}--legend \\\n {2}--caption 'at \{isovalue\} & "\{time\}"' \\\n {2}--width 2/);
   assert.deepEqual(drawnToWords({ legend: true }), [['legend', '']]);
   assert.doesNotMatch(stateToCommand({ surfaces: [{ isovalue: 1 }] }, 'a.png'), /--axes|--caption|--record/);
+});
+
+test('a WebP is asked for by the words of its state, as a link, with its size and what is drawn over it', () => {
+  const request = { dataset: 'a b', surfaces: [{ isovalue: 60 }], samples: 4, camera: FULL.camera, viewport: { widthPx: 640, heightPx: 480 } };
+  const address = webpAddress(request, { axes: true, caption: '50 % & more' });
+  assert.match(address, /^v1\/datasets\/a%20b\/render\?surface=60&eye=/);
+  const words = [...new URL(address, 'http://gateway/').searchParams];
+  assert.deepEqual(words.slice(-5), [['width', '640'], ['height', '480'], ['format', 'webp'], ['axes', ''], ['caption', '50 % & more']]);
+  assert.deepEqual(stateFromHash(new URLSearchParams(words.slice(0, -5)).toString()).state, { surfaces: request.surfaces, samples: 4, camera: FULL.camera });
 });
 
 test('meshes have their selection and clip region, opaque colours, and as STL none', () => {
