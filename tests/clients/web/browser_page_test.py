@@ -553,7 +553,7 @@ class Downloads:
                 field.dispatchEvent(new Event('input'));""", name.replace('_', '-'), value)
 
     def file(self, name):
-        """The bytes of a download once it is whole."""
+        """The bytes of a download once it is whole. The file goes, so that the next one may have its name."""
         path = os.path.join(self.saved, name)
         end = base.time.monotonic() + base.PATIENCE_S
         while not os.path.exists(path):
@@ -561,7 +561,9 @@ class Downloads:
                             f'{[self.by_id(note).text for note in ("save-note", "film-note", "mesh-note")]}')
             base.time.sleep(0.02)
         with open(path, 'rb') as file:
-            return file.read()
+            data = file.read()
+        os.remove(path)
+        return data
 
     def last_render(self):
         """The parameters of the last picture that was asked for."""
@@ -569,14 +571,14 @@ class Downloads:
         return dict(urllib.parse.parse_qsl(urllib.parse.urlsplit(address).query, keep_blank_values=True))
 
     def played(self, film, kind):
-        """What the browser's own decoder finds: the count of frames, their size, and a channel of the first pixel of each."""
+        """What the browser's own decoder finds: the count of frames, their size, and of each a channel of its first pixel and all pixels."""
         self.browser.set_script_timeout(base.PATIENCE_S)
-        count, width, height, values = self.browser.execute_async_script("""const [text, type, done] = arguments;
+        count, width, height, values, pixels = self.browser.execute_async_script("""const [text, type, done] = arguments;
             (async () => {
               const decoder = new ImageDecoder({ data: Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)), type });
               await decoder.tracks.ready;
               const { frameCount } = decoder.tracks.selectedTrack;
-              const values = [];
+              const values = [], pixels = [];
               let size = [0, 0];
               for (let frameIndex = 0; frameIndex < frameCount; ++frameIndex) {
                 const { image } = await decoder.decode({ frameIndex });
@@ -584,11 +586,12 @@ class Downloads:
                 const canvas = new OffscreenCanvas(...size).getContext('2d');
                 canvas.drawImage(image, 0, 0);
                 values.push(canvas.getImageData(0, 0, 1, 1).data[0]);
+                pixels.push([...canvas.getImageData(0, 0, ...size).data].join());
                 image.close();
               }
-              done([frameCount, ...size, values]);
-            })().catch((error) => done([String(error), 0, 0, []]));""", base.base64.b64encode(film).decode(), kind)
-        return count, width, height, values
+              done([frameCount, ...size, values, pixels]);
+            })().catch((error) => done([String(error), 0, 0, [], []]));""", base.base64.b64encode(film).decode(), kind)
+        return count, width, height, values, pixels
 
     @staticmethod
     def chunks(png):
@@ -616,7 +619,7 @@ class DownloadTest(Downloads, base.PageTest):
         self.assertEqual({'axes': '', 'scale-bar': '', 'legend': '', 'caption': 'at {isovalue} & more', 'record': ''}, self.last_render())
         self.fill(draw_axes=False, draw_scale_bar=False, draw_legend=False, caption='', record=False)
         self.by_id('save-png').click()
-        self.file('ball (1).png')
+        self.file('ball.png')
         self.assertEqual({}, self.last_render())
 
     def test_each_kind_of_mesh_has_its_file_and_the_surfaces_of_the_view(self):
@@ -663,7 +666,7 @@ class DownloadTest(Downloads, base.PageTest):
         self.until('document.getElementById("film-format").value === "webp"')
         self.fill(width=41, height=31, film_frames=5, draw_axes=True)
         self.by_id('save-film').click()
-        self.assertEqual((5, 41, 31, [0, 1, 2, 3, 4]), self.played(self.file('ball.webp'), 'image/webp'))
+        self.assertEqual((5, 41, 31, [0, 1, 2, 3, 4]), self.played(self.file('ball.webp'), 'image/webp')[:4])
         targets = [one for one in self.gateway.control()['targets'] if 'format=webp' in one]
         self.assertEqual(5, len({urllib.parse.parse_qs(one)['eye'][0] for one in targets}))
         self.assertTrue(all(one.endswith('&axes=') for one in targets))
@@ -760,12 +763,14 @@ class RealDownloadTest(Downloads, base.RealPageTest):
         # The command draws the same, and so does the record in the file.
         run(*words[1:])
         self.assertEqual(1, self.share_of_equal(drawn, base.decode_png(made('picture.png'))))
-        run('render', self.volume, '--like', os.path.join(self.saved, f'{name}.png'), '--output', 'again.png')
+        with open(os.path.join(self.folder, 'saved.png'), 'wb') as saved:
+            saved.write(picture)
+        run('render', self.volume, '--like', 'saved.png', '--output', 'again.png')
         self.assertEqual(1, self.share_of_equal(drawn, base.decode_png(made('again.png'))))
         # The legend is at the right side.
         self.fill(draw_legend=False, draw_axes=False, draw_scale_bar=False, caption='', record=False)
         self.by_id('save-png').click()
-        plain = base.decode_png(self.file(f'{name} (1).png'))
+        plain = base.decode_png(self.file(f'{name}.png'))
         changed = [x for y in range(270) for x in range(300, 360) if drawn[2][y][x] != plain[2][y][x]]
         self.assertGreater(len(changed), 500)
 
@@ -784,6 +789,13 @@ class RealDownloadTest(Downloads, base.RealPageTest):
         words = shlex.split(self.by_id('command').text.replace('\\\n', ' '))
         run(*words[1:])
         self.assertEqual(1, self.share_of_equal(base.decode_png(film), base.decode_png(made('picture.png'))))
+        played = self.played(film, 'image/png')
+        self.assertEqual((5, 90, 60, 5), (*played[:3], len(set(played[4]))))
+        if self.js('return [...document.getElementById("film-format").options].some(({ value }) => value === "webp")'):
+            self.until('!document.getElementById("save-film").hidden')
+            self.fill(film_format='webp')
+            self.by_id('save-film').click()
+            self.assertEqual(played, self.played(self.file(f'{name}.webp'), 'image/webp'))
 
 
 class RealDoorTest(base.RealPageTest):
