@@ -15,3 +15,16 @@ export async function loadAbilities() {
     // The datasets, which are asked for besides, report what is wrong.
   }
 }
+
+/** @type {Promise<boolean> | null} */
+let isWebpFound = null;
+
+/**
+ * Whether this gateway has pictures as WebP: by the document of its interface, which is asked for once.
+ * @returns {Promise<boolean>}
+ */
+export async function findWebp() {
+  isWebpFound ??= client.get('v1/openapi.json').then(({ paths }) =>
+    'image/webp' in paths['/v1/datasets/{name}/render'].get.responses['200'].content).catch(() => false);
+  return isWebpFound;
+}

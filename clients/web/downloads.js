@@ -1,14 +1,36 @@
-// Links and downloads: pictures, meshes, and the command that draws the same picture.
+// Links and downloads: pictures, films, meshes, and the command that draws the same picture.
+//
+// A download shows its progress beside its button, and can be cancelled. It goes on while the dialog is closed, with
+// the view of the moment when it began.
 // @ts-check
 
-import { abilities } from './abilities.js';
+import { abilities, findWebp } from './abilities.js';
 import { byId, make, page } from './elements.js';
-import { announcer, copy } from './messages.js';
+import { drawFilm, frameCountOf, whyNoFilm } from './film.js';
+import { announcer, copy, say } from './messages.js';
 import { client, shown } from './page-view.js';
-import { formatBytes } from './values.js';
-import { fileOf, stateToCommand, stateToHash, stateToLink } from './view-state.js';
+import { format, formatBytes } from './values.js';
+import { MESH_FORMATS, fileOf, meshAddress, pictureAddress, stateToCommand, stateToLink, webpAddress } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
+/** @typedef {import('./film.js').Film} Film */
+
+const caption = byId('caption', HTMLInputElement);
+const axes = byId('draw-axes', HTMLInputElement);
+const scaleBar = byId('draw-scale-bar', HTMLInputElement);
+const legend = byId('draw-legend', HTMLInputElement);
+const record = byId('record', HTMLInputElement);
+const filmKind = byId('film-kind', HTMLSelectElement);
+const filmFormat = byId('film-format', HTMLSelectElement);
+const filmFrames = byId('film-frames', HTMLInputElement);
+const filmStride = byId('film-stride', HTMLInputElement);
+const filmRate = byId('film-rate', HTMLInputElement);
+const filmHint = byId('film-hint', HTMLElement);
+const filmProgress = byId('film-progress', HTMLProgressElement);
+const filmNote = byId('film-note', HTMLElement);
+const saveFilm = byId('save-film', HTMLButtonElement);
+const saveMesh = byId('save-mesh', HTMLButtonElement);
+const meshFormat = byId('mesh-format', HTMLSelectElement);
 
 /** @param {Blob} blob @param {string} name */
 function saveAs(blob, name) {
@@ -19,35 +41,55 @@ function saveAs(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
-/** @param {HTMLElement} note @param {string} text @param {'begin' | 'end' | 'error'} stage the end is for screen readers, too */
-function tellOfDownload(note, text, stage) {
+/**
+ * Writes a note, and says what people wait for where they look.
+ * @param {HTMLElement} note @param {string} text @param {string} [sentence] @param {boolean} [isError]
+ */
+function tellOfDownload(note, text, sentence, isError = false) {
   note.textContent = text;
-  note.classList.toggle('error', stage === 'error');
-  if (stage !== 'begin') {
-    announcer.say(stage === 'end' ? `Downloaded ${text}.` : text);
+  note.classList.toggle('error', isError);
+  if (sentence && page.dialog.open) {
+    announcer.say(sentence);
+  } else if (sentence) {
+    say(sentence, isError);
   }
 }
 
 /**
- * Saves the result of `ask`. The note shows the progress, and the button is disabled meanwhile.
+ * Saves what `ask` gives. Meanwhile the note shows the progress, and in place of the button there is one that cancels.
  * @param {HTMLButtonElement} button @param {HTMLElement} note @param {string} verb @param {string} name of the file
- * @param {() => Promise<Response>} ask
+ * @param {(signal: AbortSignal) => Promise<Blob>} ask
  */
 async function download(button, note, verb, name, ask) {
-  button.disabled = true;
-  tellOfDownload(note, verb, 'begin');
-  try {
-    const blob = await (await ask()).blob();
-    saveAs(blob, name);
-    tellOfDownload(note, formatBytes(blob.size), 'end');
-  } catch (error) {
-    tellOfDownload(note, /** @type {Error} */ (error).message, 'error');
+  const abort = new AbortController();
+  const cancel = make('button', { className: 'button cancel', 'aria-label': `Cancel: ${button.textContent}`, onclick: () => abort.abort() }, 'Cancel');
+  const hadFocus = document.activeElement === button;
+  button.hidden = true;
+  button.after(cancel);
+  if (hadFocus) {
+    cancel.focus();
   }
-  button.disabled = false;
+  tellOfDownload(note, verb);
+  try {
+    const blob = await ask(abort.signal);
+    abort.signal.throwIfAborted();
+    saveAs(blob, name);
+    tellOfDownload(note, formatBytes(blob.size), `Downloaded ${name}, ${formatBytes(blob.size)}.`);
+  } catch (error) {
+    const isCancelled = abort.signal.aborted;
+    const sentence = isCancelled ? 'Cancelled.' : /** @type {Error} */ (error).message;
+    tellOfDownload(note, sentence, sentence, !isCancelled);
+  }
+  const hasFocus = document.activeElement === cancel;
+  cancel.remove();
+  button.hidden = false;
+  if (hasFocus) {
+    button.focus();
+  }
 }
 
 /** @param {import('./series.js').SeriesControls} series */
-export function listenToDownloads(series) {
+function listenToLinks(series) {
   function linkOfView() {
     history.replaceState(null, '', `#${stateToLink(series.pinned(shown.getState()), shown.dataset)}`);
     return location.href;
@@ -59,40 +101,89 @@ export function listenToDownloads(series) {
   access.onclick = () => copy(`${linkOfView()}&token=${encodeURIComponent(client.token)}`,
     'The link is copied, with the token: whoever gets it sees what you see.');
   shown.addEventListener('status', () => { access.hidden = !client.token; });
+}
+
+/**
+ * Whether a legend has something to show.
+ * @param {FrameRequest} state
+ */
+const hasQuantity = ({ surfaces = [], caps }) => Boolean(caps?.colorMap) || surfaces.some((/** @type {any} */ { colorBy }) => colorBy);
+
+/** @param {import('./series.js').SeriesControls} series */
+export function listenToDownloads(series) {
+  listenToLinks(series);
   /**
-   * What the dialog asks for.
+   * What the dialog asks for, but for the background of films.
    * @returns {FrameRequest}
    */
-  function stateOfDialog() {
-    const state = { ...series.pinned(shown.getState()), samples: Number(page.saveSamples.value) };
-    return page.transparent.checked ? { ...state, backgroundColor: { red: 0, green: 0, blue: 0, alpha: 0 } } : state;
-  }
+  const stateOfDialog = () => ({ ...series.pinned(shown.getState()), samples: Number(page.saveSamples.value) });
+  /** @returns {FrameRequest} */
+  const stateOfPicture = () => page.transparent.checked
+    ? { ...stateOfDialog(), backgroundColor: { red: 0, green: 0, blue: 0, alpha: 0 } } : stateOfDialog();
   /** Of an empty field, that of the view. */
   const sizeOfDialog = () => ({ width: Math.round(page.width.valueAsNumber) || shown.loop.picture.width,
     height: Math.round(page.height.valueAsNumber) || shown.loop.picture.height });
-  function drawCommand() {
+  const drawnOfDialog = () => ({ axes: axes.checked, scaleBar: scaleBar.checked, legend: legend.checked && !legend.disabled, caption: caption.value });
+  /** @returns {Film} */
+  const filmOfDialog = () => ({ format: filmFormat.value === 'webp' ? 'webp' : 'apng', kind: filmKind.value === 'steps' ? 'steps' : 'turn', frameCount: filmFrames.valueAsNumber,
+    steps: series.steps.map(({ number }) => number).filter((_, i) => i % (Math.round(filmStride.valueAsNumber) || 1) === 0),
+    framesPerSecond: filmRate.valueAsNumber, ...sizeOfDialog() });
+
+  function drawFilmRows() {
+    const isSeries = series.steps.length > 1;
+    /** @type {HTMLOptionElement} */ (filmKind.options[1]).disabled = !isSeries;
+    if (!isSeries) {
+      filmKind.value = 'turn';
+    }
+    document.querySelectorAll('[data-film]').forEach((row) => {
+      /** @type {HTMLElement} */ (row).hidden = row.getAttribute('data-film') !== filmKind.value;
+    });
+    const film = filmOfDialog();
+    const why = whyNoFilm(film);
+    const count = frameCountOf(film);
+    filmHint.textContent = why || `${count} frames of ${film.width} × ${film.height}, ${format(count / film.framesPerSecond, 3)} s, ` +
+      'with the samples and words of the picture; the background is opaque.';
+    filmHint.classList.toggle('error', why !== '');
+    saveFilm.disabled = why !== '';
+  }
+  function drawDialog() {
+    legend.disabled = !hasQuantity(shown.state);
     const file = fileOf(shown.dataset, abilities.gatewayAddress, location.href);
-    page.command.textContent = stateToCommand(stateOfDialog(), 'picture.png', sizeOfDialog(), { file, hasToken: client.token !== '' });
+    page.command.textContent = stateToCommand(stateOfPicture(), 'picture.png', sizeOfDialog(), { file, hasToken: client.token !== '' }, drawnOfDialog());
     byId('command-hint', HTMLElement).textContent = file ? `draws this picture in the folder of ${file}`
       : `draws this picture; HOST is the coordinator${client.token ? ', TOKEN_FILE has its token' : ''}`;
+    drawFilmRows();
+  }
+  let isWebpOffered = false;
+  /** WebP is the smaller film, where the gateway has its frames. */
+  async function offerWebp() {
+    if (!isWebpOffered && await findWebp() && !isWebpOffered) {
+      isWebpOffered = true;
+      filmFormat.prepend(make('option', { value: 'webp' }, 'WebP'));
+      filmFormat.value = 'webp';
+      drawDialog();
+    }
   }
   /** Whether people chose a size; else it is that of the view. */
   let isSizeChosen = false;
   page.width.oninput = page.height.oninput = () => {
     isSizeChosen = true;
-    drawCommand();
+    drawDialog();
   };
-  page.saveSamples.oninput = page.transparent.oninput = drawCommand;
+  for (const input of [page.saveSamples, page.transparent, axes, scaleBar, legend, caption, filmFormat, filmKind, filmFrames, filmStride, filmRate]) {
+    input.oninput = drawDialog;
+  }
   // The server sends the camera of a view that is being fitted.
-  shown.addEventListener('state', () => page.dialog.open && drawCommand());
+  shown.addEventListener('state', () => page.dialog.open && drawDialog());
   byId('save', HTMLElement).onclick = () => {
     if (!isSizeChosen) {
       page.width.value = String(shown.loop.picture.width);
       page.height.value = String(shown.loop.picture.height);
     }
     page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
-    drawCommand();
+    drawDialog();
     page.dialog.showModal();
+    offerWebp();
   };
   byId('copy-command', HTMLElement).onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
   byId('sizes', HTMLElement).append(...[['As shown', 0], ['1080p', 1080], ['4K', 2160], ['Print, 8K', 4320]].map(([name, side]) =>
@@ -101,22 +192,37 @@ export function listenToDownloads(series) {
       page.height.value = String(tall);
       page.width.value = String(Math.min(16384, Math.round(tall * shown.loop.picture.aspect)));
       isSizeChosen = Number(side) > 0;
-      drawCommand();
+      drawDialog();
     } }, String(name))));
+  meshFormat.replaceChildren(...MESH_FORMATS.map(([value, text]) => make('option', { value }, text)));
 
+  const nameOf = (/** @type {FrameRequest} */ state) => state.dataset || 'isoscope';
   page.savePng.onclick = () => {
-    const state = stateOfDialog();
+    const state = stateOfPicture();
     const { width, height } = sizeOfDialog();
     /** @type {FrameRequest} */
     const request = { ...state, withNotes: undefined, viewport: { widthPx: width, heightPx: height } };
-    download(page.savePng, page.saveNote, 'Drawing …', `${state.dataset || 'isoscope'}.png`,
-      () => client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, request));
+    const address = pictureAddress(state.dataset ?? '', drawnOfDialog(), record.checked);
+    download(page.savePng, page.saveNote, 'Drawing …', `${nameOf(state)}.png`, async (signal) => (await client.post(address, request, signal)).blob());
   };
-  byId('save-mesh', HTMLElement).onclick = (event) => {
-    const button = /** @type {HTMLButtonElement} */ (event.currentTarget);
-    const state = series.pinned(shown.getState());
-    const words = stateToHash({ selection: state.selection, surfaces: (state.surfaces ?? []).map((/** @type {any} */ { isovalue, labels, smoothLabels, color }) => ({ isovalue, labels, smoothLabels, color: color && { ...color, alpha: 1 } })), clip: state.clip });
-    download(button, page.meshNote, 'Extracting …', `${state.dataset || 'isoscope'}.glb`,
-      () => client.request(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.glb?${words}`));
+  saveFilm.onclick = async () => {
+    const film = filmOfDialog();
+    const state = stateOfDialog();
+    const drawn = drawnOfDialog();
+    const count = frameCountOf(film);
+    filmProgress.max = count;
+    filmProgress.hidden = false;
+    await download(saveFilm, filmNote, '', `${nameOf(state)}.${film.format}`, (signal) => drawFilm(film, { ...state, withNotes: undefined },
+      (request, format) => format === 'webp' ? client.request(webpAddress(request, drawn), { signal, cache: 'no-store' })
+        : client.post(pictureAddress(state.dataset ?? '', drawn, false), request, signal), signal, (done) => {
+        filmProgress.value = done;
+        filmNote.textContent = `frame ${done + 1} of ${count}`;
+      }));
+    filmProgress.hidden = true;
+  };
+  saveMesh.onclick = () => {
+    const address = meshAddress(series.pinned(shown.getState()), meshFormat.value);
+    download(saveMesh, page.meshNote, 'Extracting …', `${nameOf(shown.state)}.${meshFormat.value}`,
+      async (signal) => (await client.request(address, { signal })).blob());
   };
 }

@@ -268,17 +268,61 @@ export function fileOf(dataset, gatewayAddress, pageAddress) {
 }
 
 /**
+ * What the gateway, or the command, draws over a picture: words of both.
+ * @typedef {{axes?: boolean, scaleBar?: boolean, legend?: boolean, caption?: string}} Drawn
+ */
+/** @param {Drawn} drawn @returns {[string, string][]} */
+export function drawnToWords({ axes, scaleBar, legend, caption }) {
+  /** @type {[string, string | undefined | false][]} */
+  const words = [['axes', axes && ''], ['scale-bar', scaleBar && ''], ['legend', legend && ''], ['caption', caption || undefined]];
+  return /** @type {[string, string][]} */ (words.filter(([, value]) => value === '' || value));
+}
+
+/**
+ * The address of a posted picture: with what is drawn over it, and a record of how it was made.
+ * @param {string} dataset @param {Drawn} drawn @param {boolean} hasRecord
+ */
+export function pictureAddress(dataset, drawn, hasRecord) {
+  const words = [...drawnToWords(drawn), ...(hasRecord ? [['record', '']] : [])];
+  const query = words.map(([name, value]) => value === '' ? name : `${name}=${encodeURIComponent(value)}`).join('&');
+  return `v1/datasets/${encodeURIComponent(dataset)}/render${query ? `?${query}` : ''}`;
+}
+
+/**
+ * The address of a lossless WebP, which is not posted. The request has its size, a camera and no fit.
+ * @param {FrameRequest} request @param {Drawn} drawn
+ */
+export function webpAddress({ dataset, viewport, ...state }, drawn) {
+  const words = [...stateToWords(state), ['width', String(viewport.widthPx)], ['height', String(viewport.heightPx)], ['format', 'webp'], ...drawnToWords(drawn)];
+  return `v1/datasets/${encodeURIComponent(dataset ?? '')}/render?${toHash(/** @type {[string, string][]} */ (words))}`;
+}
+
+/** The formats of meshes that the gateway has, and what each is for. @type {[string, string][]} */
+export const MESH_FORMATS = [['glb', 'GLB: viewers, slides'], ['stl', 'STL: printing, no colours'], ['ply', 'PLY: MeshLab, Blender'],
+  ['obj', 'OBJ: any program'], ['vtp', 'VTP: ParaView']];
+
+/**
+ * The address of the mesh of a state. Meshes are opaque, and STL has no colours.
+ * @param {FrameRequest} state @param {string} format
+ */
+export function meshAddress({ dataset, selection, surfaces = [], clip }, format) {
+  const shown = surfaces.map((/** @type {any} */ { isovalue, labels, smoothLabels, color }) => ({ isovalue, labels, smoothLabels,
+    color: color && format !== 'stl' ? { ...color, alpha: 1 } : undefined }));
+  return `v1/datasets/${encodeURIComponent(dataset ?? '')}/mesh.${format}?${stateToHash({ selection, surfaces: shown, clip })}`;
+}
+
+/**
  * Returns the command that draws the same picture. A fitted view has its own camera once the server
  * has answered. Until then the command has the initial camera, because it takes no fit with a
  * camera.
  * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
- * @param {{file?: string, hasToken?: boolean}} [source] `file` in place of a server and its dataset
+ * @param {{file?: string, hasToken?: boolean}} [source] `file` in place of a server and its dataset @param {Drawn} [drawn]
  */
-export function stateToCommand(state, file, size, source = {}) {
+export function stateToCommand(state, file, size, source = {}, drawn = {}) {
   const { dataset, ...rest } = state;
   const whole = source.file ? rest : { dataset, ...rest };
-  const flags = stateToWords(state.camera ? { ...whole, cameraFit: undefined } : whole).map(([name, value]) =>
-    value === '' ? `--${name}` : `--${name} ${quoted(value)}`);
+  const words = [...stateToWords(state.camera ? { ...whole, cameraFit: undefined } : whole), ...drawnToWords(drawn)];
+  const flags = words.map(([name, value]) => value === '' ? `--${name}` : `--${name} ${quoted(value)}`);
   if (size) {
     flags.push(`--width ${size.width}`, `--height ${size.height}`);
   }

@@ -7,6 +7,12 @@ Against mock_gateway.mjs, and against a real `isoscope view` where ISOSCOPE_BIN 
 browser_test.py does.
 """
 import contextlib
+import os
+import shlex
+import shutil
+import struct
+import subprocess
+import tempfile
 import time
 import unittest
 import urllib.parse
@@ -548,6 +554,275 @@ class RangeTest(base.PageTest):
         self.open_and_wait('#dataset=flow&surface=40&step=5&color-by=velocity:x:viridis')
         self.until('document.getElementById("range-step").offsetHeight > 0')
         self.assertTrue(self.js('return document.getElementById("range-step").disabled'))
+
+
+class Downloads:
+    """What tests of downloads share: a folder of their own, the fields of the dialog, and waiting for a file."""
+
+    def setUp(self):
+        super().setUp()
+        self.saved = tempfile.mkdtemp(prefix='isoscope-saved-')
+        self.addCleanup(shutil.rmtree, self.saved, ignore_errors=True)
+        self.browser.execute_cdp_cmd('Browser.setDownloadBehavior', {'behavior': 'allow', 'downloadPath': self.saved})
+
+    def by_id(self, name):
+        return self.browser.find_element(By.ID, name)
+
+    def open_dialog(self):
+        self.by_id('save').click()
+        self.until('document.getElementById("dialog").open')
+
+    def fill(self, **values):
+        """Fields by their id, with '_' for '-': a text, or whether a box is ticked."""
+        for name, value in values.items():
+            self.js("""const [id, value] = arguments; const field = document.getElementById(id);
+                if (field.type === 'checkbox') { field.checked = value; } else { field.value = value; }
+                field.dispatchEvent(new Event('input'));""", name.replace('_', '-'), value)
+
+    def file(self, name):
+        """The bytes of a download once it is whole. The file goes, so that the next one may have its name."""
+        path = os.path.join(self.saved, name)
+        end = base.time.monotonic() + base.PATIENCE_S
+        while not os.path.exists(path):
+            self.assertLess(base.time.monotonic(), end, f'{name} never came; there are {os.listdir(self.saved)}; '
+                            f'{[self.by_id(note).text for note in ("save-note", "film-note", "mesh-note")]}')
+            base.time.sleep(0.02)
+        with open(path, 'rb') as file:
+            data = file.read()
+        os.remove(path)
+        return data
+
+    def last_render(self):
+        """The parameters of the last picture that was asked for."""
+        address = [one for one in self.gateway.control()['targets'] if '/render' in one][-1]
+        return dict(urllib.parse.parse_qsl(urllib.parse.urlsplit(address).query, keep_blank_values=True))
+
+    def played(self, film, kind):
+        """What the browser's own decoder finds: the count of frames, their size, and of each a channel of its first pixel and all pixels."""
+        self.browser.set_script_timeout(base.PATIENCE_S)
+        count, width, height, values, pixels = self.browser.execute_async_script("""const [text, type, done] = arguments;
+            (async () => {
+              const decoder = new ImageDecoder({ data: Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)), type });
+              await decoder.tracks.ready;
+              const { frameCount } = decoder.tracks.selectedTrack;
+              const values = [], pixels = [];
+              let size = [0, 0];
+              for (let frameIndex = 0; frameIndex < frameCount; ++frameIndex) {
+                const { image } = await decoder.decode({ frameIndex });
+                size = [image.displayWidth, image.displayHeight];
+                const canvas = new OffscreenCanvas(...size).getContext('2d');
+                canvas.drawImage(image, 0, 0);
+                values.push(canvas.getImageData(0, 0, 1, 1).data[0]);
+                pixels.push([...canvas.getImageData(0, 0, ...size).data].join());
+                image.close();
+              }
+              done([frameCount, ...size, values, pixels]);
+            })().catch((error) => done([String(error), 0, 0, [], []]));""", base.base64.b64encode(film).decode(), kind)
+        return count, width, height, values, pixels
+
+    @staticmethod
+    def chunks(png):
+        """The types of the chunks of a PNG."""
+        at, types = 8, []
+        while at < len(png):
+            types.append(png[at + 4:at + 8].decode())
+            at += 12 + struct.unpack('>I', png[at:at + 4])[0]
+        return types
+
+
+class DownloadTest(Downloads, base.PageTest):
+    def test_a_picture_is_asked_for_with_what_is_drawn_over_it_and_its_record(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.assertTrue(self.js('return document.getElementById("draw-legend").disabled'), 'a legend of nothing')
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 40, colorBy: { quantity: "QUANTITY_POSITION_Z" } }] })')
+        self.until('!document.getElementById("draw-legend").disabled')
+        self.fill(width=64, height=48, draw_axes=True, draw_scale_bar=True, draw_legend=True, caption='at {isovalue} & more')
+        command = self.by_id('command').text
+        for words in ('--axes', '--scale-bar', '--legend', "--caption 'at {isovalue} & more'"):
+            self.assertIn(words, command)
+        self.by_id('save-png').click()
+        self.assertEqual((64, 48), base.decode_png(self.file('ball.png'))[:2])
+        self.assertEqual({'axes': '', 'scale-bar': '', 'legend': '', 'caption': 'at {isovalue} & more', 'record': ''}, self.last_render())
+        self.fill(draw_axes=False, draw_scale_bar=False, draw_legend=False, caption='', record=False)
+        self.by_id('save-png').click()
+        self.file('ball.png')
+        self.assertEqual({}, self.last_render())
+
+    def test_each_kind_of_mesh_has_its_file_and_the_surfaces_of_the_view(self):
+        self.open_and_wait('#dataset=ball&surface=40:1,0,0:0.5&clip-plane=1,0,0,20')
+        self.open_dialog()
+        for name in ('stl', 'ply', 'obj', 'vtp', 'glb'):
+            self.fill(mesh_format=name)
+            self.by_id('save-mesh').click()
+            self.assertEqual(f'a mesh.{name}'.encode(), self.file(f'ball.{name}'))
+            self.until('!document.getElementById("save-mesh").hidden')
+            color = '' if name == 'stl' else ':1,0,0'
+            self.assertIn(f'/v1/datasets/ball/mesh.{name}?surface=40{color}&clip-plane=1,0,0,20', self.gateway.control()['targets'])
+
+    def test_a_turn_says_which_frame_it_draws_and_keeps_distance_and_ranges(self):
+        self.open_and_wait('#dataset=ball&surface=40&color-by=z')
+        camera = self.js('return isoscope.view.getState().camera')
+        self.js('isoscope.view.update({ surfaces: [{ ...isoscope.view.state.surfaces[0], colorBy: { quantity: "QUANTITY_POSITION_Z",'
+                ' range: { source: "SOURCE_VISIBLE" } } }] })')
+        self.until_exact()
+        self.open_dialog()
+        self.fill(width=40, height=30, film_frames=6)
+        self.assertIn('6 frames of 40 × 30, 0.5 s', self.by_id('film-hint').text)
+        self.js("""window.told = []; new MutationObserver(() => told.push(document.getElementById('film-note').textContent))
+            .observe(document.getElementById('film-note'), { childList: true, characterData: true, subtree: true });""")
+        self.gateway.control(reset=True)
+        self.by_id('save-film').click()
+        film = self.file('ball.apng')
+        self.assertEqual(6, self.chunks(film).count('fcTL'))
+        self.assertEqual((6, 40, 30), self.played(film, 'image/png')[:3])
+        self.until('!document.getElementById("save-film").hidden')
+        self.assertEqual([f'frame {i} of 6' for i in range(1, 7)], self.js('return told')[:-1][-6:])
+        renders = self.gateway.control()['renders']
+        eyes = [tuple(one['camera']['eye'][axis] - camera['target'][axis] for axis in 'xyz') for one in renders]
+        self.assertEqual(6, len({tuple(round(value, 6) for value in eye) for eye in eyes}))
+        for eye in eyes:
+            self.assertAlmostEqual(base.math.hypot(*eyes[0]), base.math.hypot(*eye))
+        self.assertEqual([{'source': 'SOURCE_VISIBLE'}] + 5 * [{'min': 0.123456, 'max': 7.98765}],
+                         [one['surfaces'][0]['colorBy']['range'] for one in renders])
+
+    def test_a_browser_plays_a_film_of_webps_where_the_gateway_has_them(self):
+        self.gateway.control(hasWebp=True)
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.until('document.getElementById("film-format").value === "webp"')
+        self.fill(width=41, height=31, film_frames=5, draw_axes=True)
+        self.by_id('save-film').click()
+        self.assertEqual((5, 41, 31, [0, 1, 2, 3, 4]), self.played(self.file('ball.webp'), 'image/webp')[:4])
+        targets = [one for one in self.gateway.control()['targets'] if 'format=webp' in one]
+        self.assertEqual(5, len({urllib.parse.parse_qs(one)['eye'][0] for one in targets}))
+        self.assertTrue(all(one.endswith('&axes=') for one in targets))
+
+    def test_a_film_of_steps_shows_every_second_one(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1')
+        self.until('document.getElementById("step").max === "5"')
+        self.open_dialog()
+        self.fill(width=40, height=30, film_kind='steps', film_stride=2)
+        self.assertIn('3 frames', self.by_id('film-hint').text)
+        self.gateway.control(reset=True)
+        self.by_id('save-film').click()
+        self.assertEqual(3, self.chunks(self.file('flow.apng')).count('fcTL'))
+        self.assertEqual([0, 2, 4], [one['selection']['timeStep'] for one in self.gateway.control()['renders']])
+        # A dataset without steps has no film of them.
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.assertTrue(self.js('const { options, value } = document.getElementById("film-kind"); return options[1].disabled && value === "turn"'))
+
+    def test_a_film_that_the_page_could_not_hold_can_t_be_begun_and_says_why(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.fill(width=7680, height=4320)
+        self.assertIn('2389 million pixels, and this page holds 600 million', self.by_id('film-hint').text)
+        self.assertFalse(self.by_id('save-film').is_enabled())
+        self.fill(width=640, height=360)
+        self.assertTrue(self.by_id('save-film').is_enabled())
+
+    def test_a_film_is_cancelled_with_the_keyboard_alone_and_asks_for_nothing_more(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.fill(width=160, height=120, film_frames=2000)
+        self.js('document.getElementById("save-film").focus()')
+        base.ActionChains(self.browser).send_keys(Keys.ENTER).perform()
+        self.until('/^frame [3-9] of 2000/.test(document.getElementById("film-note").textContent)')
+        self.assertEqual('Cancel: Download film', self.js('return document.activeElement.getAttribute("aria-label")'))
+        self.assertTrue(self.js('return !document.getElementById("film-progress").hidden'))
+        base.ActionChains(self.browser).send_keys(Keys.ENTER).perform()
+        self.until('document.getElementById("film-note").textContent === "Cancelled." && document.getElementById("film-progress").hidden')
+        self.assertEqual('save-film', self.js('return document.activeElement.id'))
+        base.time.sleep(0.3)
+        count = len(self.gateway.control()['renders'])
+        base.time.sleep(0.5)
+        self.assertEqual(count, len(self.gateway.control()['renders']))
+        self.assertEqual([], os.listdir(self.saved))
+
+    def test_a_film_goes_on_while_the_dialog_is_closed_and_its_end_is_said_in_the_page(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        self.open_dialog()
+        self.fill(width=40, height=30, film_frames=30)
+        self.by_id('save-film').click()
+        self.js('document.getElementById("dialog").close()')
+        self.file('ball.apng')
+        self.until('/^Downloaded ball.apng/.test(document.getElementById("toast").textContent) && !document.getElementById("toast").hidden')
+
+    def test_the_dialog_has_names_and_on_a_phone_targets_for_fingers_within_its_width(self):
+        with size_of(self.browser, 390, 844, is_touch=True):
+            self.open_and_wait('#dataset=flow&surface=40&step=1')
+            self.open_dialog()
+            controls = self.js("""return [...document.querySelectorAll('#dialog :is(button, select, input)')].filter((e) => e.offsetParent !== null)
+                .map((e) => { const box = (e.closest('.switch') ?? e).getBoundingClientRect();
+                  return [e.id || e.textContent, e.getAttribute('aria-label') || e.labels?.[0]?.textContent || e.textContent, box.height, box.left, box.right]; })""")
+            self.assertGreater(len(controls), 20)
+            for name, label, height, left, right in controls:
+                with self.subTest(name):
+                    self.assertTrue(label.strip())
+                    self.assertGreaterEqual(height, 44)
+                    self.assertTrue(left >= 0 and right <= 390, f'{left} to {right}')
+            self.assertFalse(self.js('const { scrollWidth, clientWidth } = document.getElementById("dialog"); return scrollWidth > clientWidth'))
+
+
+class RealDownloadTest(Downloads, base.RealPageTest):
+    def test_a_picture_a_mesh_and_a_film_of_a_real_server(self):
+        self.browser.get('about:blank')
+        self.browser.get(f'{self.page}&max-side=240')
+        self.until('isoscope.view.isExact')
+        self.js('isoscope.view.update({ surfaces: [{ ...isoscope.view.state.surfaces[0], colorBy: { quantity: "QUANTITY_POSITION_Z" } }] })')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy')
+        name = self.js('return isoscope.view.state.dataset')
+        self.open_dialog()
+        self.fill(width=360, height=270, save_samples=1, draw_axes=True, draw_scale_bar=True, draw_legend=True, caption='at {isovalue}')
+        self.by_id('save-png').click()
+        picture = self.file(f'{name}.png')
+        drawn = base.decode_png(picture)
+        words = shlex.split(self.by_id('command').text.replace('\\\n', ' '))
+
+        def run(*flags):
+            subprocess.run([self.program, *flags, '--renderer', 'cpu'], check=True, cwd=self.folder, env=self.environment,
+                           stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+        def made(file):
+            with open(os.path.join(self.folder, file), 'rb') as opened:
+                return opened.read()
+        # The command draws the same, and so does the record in the file.
+        run(*words[1:])
+        self.assertEqual(1, self.share_of_equal(drawn, base.decode_png(made('picture.png'))))
+        with open(os.path.join(self.folder, 'saved.png'), 'wb') as saved:
+            saved.write(picture)
+        run('render', self.volume, '--like', 'saved.png', '--output', 'again.png')
+        self.assertEqual(1, self.share_of_equal(drawn, base.decode_png(made('again.png'))))
+        # The legend is at the right side.
+        self.fill(draw_legend=False, draw_axes=False, draw_scale_bar=False, caption='', record=False)
+        self.by_id('save-png').click()
+        plain = base.decode_png(self.file(f'{name}.png'))
+        changed = [x for y in range(270) for x in range(300, 360) if drawn[2][y][x] != plain[2][y][x]]
+        self.assertGreater(len(changed), 500)
+
+        self.fill(mesh_format='stl')
+        self.by_id('save-mesh').click()
+        mesh = self.file(f'{name}.stl')
+        count, = struct.unpack('<I', mesh[80:84])
+        self.assertGreater(count, 1000)
+        self.assertEqual(84 + 50 * count, len(mesh))
+
+        self.fill(width=90, height=60, film_frames=5, film_rate=10, film_format='apng')
+        self.by_id('save-film').click()
+        film = self.file(f'{name}.apng')
+        self.assertEqual(5, self.chunks(film).count('fcTL'))
+        self.assertGreaterEqual(self.chunks(film).count('fdAT'), 4)
+        words = shlex.split(self.by_id('command').text.replace('\\\n', ' '))
+        run(*words[1:])
+        self.assertEqual(1, self.share_of_equal(base.decode_png(film), base.decode_png(made('picture.png'))))
+        played = self.played(film, 'image/png')
+        self.assertEqual((5, 90, 60, 5), (*played[:3], len(set(played[4]))))
+        if self.js('return [...document.getElementById("film-format").options].some(({ value }) => value === "webp")'):
+            self.until('!document.getElementById("save-film").hidden')
+            self.fill(film_format='webp')
+            self.by_id('save-film').click()
+            self.assertEqual(played, self.played(self.file(f'{name}.webp'), 'image/webp'))
 
 
 class RealDoorTest(base.RealPageTest):

@@ -2,11 +2,12 @@
 // and on a flow of two steps.
 import assert from 'node:assert/strict';
 import { spawnSync } from 'node:child_process';
-import { existsSync, mkdtempSync, rmSync } from 'node:fs';
+import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { basename, join } from 'node:path';
 import { after, test } from 'node:test';
 
+import { ApngWriter } from '../../../clients/web/apng.js';
 import { COLOR_MAPS } from '../../../clients/web/parameters.js';
 import { FLAGS, stateFromHash, stateToCommand, withFirstLook } from '../../../clients/web/view-state.js';
 
@@ -122,6 +123,27 @@ test('the command of a file draws in its folder as it stands', () => {
   const { status, text } = run([...words, '--renderer', 'cpu']);
   assert.equal(status, 0, text);
   assert.ok(existsSync(join(folder, 'picture.png')));
+});
+
+test('the command draws axes, scale bar, legend and caption over the picture', () => {
+  const words = wordsOf(stateToCommand({ surfaces: [colored('POSITION_X')] }, 'drawn.png', { width: 240, height: 160 }, { file: basename(volume) },
+    { axes: true, scaleBar: true, legend: true, caption: '-- it\'s at {isovalue}' }));
+  const { status, text } = run([...words, '--renderer', 'cpu']);
+  assert.equal(status, 0, text);
+});
+
+test('a film of pictures has the bytes of the film of the command line', async () => {
+  const turn = ['render', volume, '--isovalue', '100', '--width', '40', '--height', '30', '--repeat', '3', '--orbit', '120', '--renderer', 'cpu'];
+  for (const output of [['turn.apng', '--fps', '7.5'], ['turn-%d.png']]) {
+    const { status, text } = run([...turn, '--output', ...output]);
+    assert.equal(status, 0, text);
+  }
+  const writer = new ApngWriter({ frameCount: 3, framesPerSecond: 7.5 });
+  for (let i = 0; i < 3; ++i) {
+    writer.add(new Uint8Array(readFileSync(join(folder, `turn-${i}.png`))));
+  }
+  const film = Buffer.from(await writer.finish().arrayBuffer());
+  assert.ok(film.equals(readFileSync(join(folder, 'turn.apng'))));
 });
 
 test('the command of a server that asks for a token has a flag of the program for it', () => {

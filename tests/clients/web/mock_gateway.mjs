@@ -11,7 +11,7 @@
 // `refuse`: whether new streams are refused; `features`: of /v1/capabilities | null for a gateway without it;
 // `maxViewportPx`: of /v1/capabilities; `mostPixels`: exact pictures of more are refused for memory | null;
 // `note`: of the first surface, if it is asked for | null; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
-// dataset | null; `steps`: how many the dataset flow has; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
+// dataset | null; `steps`: how many the dataset flow has; `hasWebp`: whether pictures may be WebP, of one grey each; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
 // states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
@@ -62,6 +62,27 @@ export function encodePng(width, height, rgb) {
   header.set([8, 2, 0, 0, 0], 8);
   return Buffer.concat([Buffer.from([137, 80, 78, 71, 13, 10, 26, 10]), chunk('IHDR', header),
     chunk('IDAT', deflateSync(rows, { level: 1 })), chunk('IEND', Buffer.alloc(0))]);
+}
+
+// A lossless WebP of one grey, opaque. Each of its five prefix codes has one symbol, so that no pixel takes a bit (RFC 9649).
+export function encodeGreyWebp(width, height, level) {
+  const bits = [];
+  const put = (value, count) => { for (let k = 0; k < count; ++k) { bits.push(Math.floor(value / 2 ** k) % 2); } };
+  put(0x2f, 8);
+  put(width - 1, 14);
+  put(height - 1, 14);
+  put(0, 1 + 3 + 3);  // no alpha, version 0; no transform, no colour cache, one group of codes
+  for (const symbol of [level, level, level, 255, 0]) {
+    put(1 + 4, 3);  // simple, one symbol, of 8 bits
+    put(symbol, 8);
+  }
+  const image = Buffer.alloc(Math.ceil(bits.length / 8));
+  bits.forEach((bit, i) => { image[i >> 3] |= bit << (i & 7); });
+  const chunk = Buffer.concat([Buffer.from('VP8L'), Buffer.alloc(4), image, Buffer.alloc(image.length % 2)]);
+  chunk.writeUInt32LE(image.length, 4);
+  const head = Buffer.from('RIFF....WEBP');
+  head.writeUInt32LE(4 + chunk.length, 4);
+  return Buffer.concat([head, chunk]);
 }
 
 // ---- the scene ----
@@ -197,8 +218,8 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes', 'smooth_labels'], note: null, maxViewportPx: 4096, mostPixels: null };
-const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes', 'smooth_labels'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false };
+const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 };
 const streams = new Set();
 
 function webSocketFrame(opcode, data) {
@@ -371,7 +392,7 @@ async function respond(request, body, reply) {
     if (request.method === 'POST') {
       const { answer: sequence, drop, reset, ...rest } = JSON.parse(body);
       if (reset) {
-        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [] });
+        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 });
       }
       Object.assign(control, rest);
       if (drop) {
@@ -389,6 +410,8 @@ async function respond(request, body, reply) {
     send({ datasets });
   } else if (url.pathname === '/v1/capabilities' && control.features) {
     send({ version: '1.2.3', features: control.features, maxViewportPx: control.maxViewportPx });
+  } else if (url.pathname === '/v1/openapi.json') {
+    send({ paths: { '/v1/datasets/{name}/render': { get: { responses: { 200: { content: { 'image/png': {}, ...(control.hasWebp ? { 'image/webp': {} } : {}) } } } } } } });
   } else if (url.pathname === '/v1/status') {
     send({ agents: [] });
   } else if (parts[1] === 'datasets') {
@@ -414,13 +437,18 @@ async function respond(request, body, reply) {
           ...(withFieldValues ? { fieldValues: [{ field: 'pressure', unit: 'Pa', value: 40 }, ...['x', 'y', 'z', 'magnitude'].map((component, i) =>
             ({ field: 'velocity', component, unit: 'm/s', value: 0.5 * i }))] } : {}) } : {};
       }) });
+    } else if (parts[3] === 'render' && url.searchParams.get('format') === 'webp') {
+      const [width, height] = ['width', 'height'].map((name) => Number(url.searchParams.get(name)));
+      reply(200, 'image/webp', encodeGreyWebp(width, height, seen.webps++ % 256));
     } else if (parts[3] === 'render') {
       const frame = JSON.parse(body);
       seen.renders.push(frame);
       const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
       const mapped = surfacesOf(frame).flatMap(({ colorBy }, i) => colorBy ? [[i, [0.123456 - i, 7.98765]]] : []);
-      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb),
-        mapped.length > 0 ? { 'X-Isoscope-Color-Ranges': JSON.stringify(Object.fromEntries(mapped)) } : {});
+      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb), { 'X-Isoscope-Camera': JSON.stringify(view.cameraToJson(image.camera)),
+        ...(mapped.length > 0 ? { 'X-Isoscope-Color-Ranges': JSON.stringify(Object.fromEntries(mapped)) } : {}) });
+    } else if (/^mesh\.\w+$/.test(parts[3])) {
+      reply(200, 'application/octet-stream', `a ${parts[3]}`);
     } else {
       fail(404, 'NOT_FOUND', `there is no ${url.pathname}`);
     }

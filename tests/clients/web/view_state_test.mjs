@@ -7,8 +7,9 @@ import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from '../../../clients/web/parameters.js';
 import {
-  asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, fileOf, otherSideOf, stateFromHash, stateToCommand,
-  stateToHash, tokenOfHash, tokenOfText, withFirstLook, withMaterialOf, withoutToken,
+  asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, drawnToWords, fileOf, MESH_FORMATS,
+  meshAddress, otherSideOf, pictureAddress, stateFromHash, stateToCommand, stateToHash, tokenOfHash, tokenOfText, webpAddress,
+  withFirstLook, withMaterialOf, withoutToken,
 } from '../../../clients/web/view-state.js';
 
 const FULL = {
@@ -297,4 +298,33 @@ test('the legend has the colours of the pictures', () => {
     assert.deepEqual(COLOR_MAP_POINTS[name], table);
   }
   assert.deepEqual(Object.keys(COLOR_MAP_POINTS), COLOR_MAPS);
+});
+
+test('a picture is posted to an address with what is drawn over it, and the command has the same but for the record', () => {
+  const drawn = { axes: true, scaleBar: true, legend: true, caption: 'at {isovalue} & "{time}"' };
+  assert.equal(pictureAddress('a b', {}, false), 'v1/datasets/a%20b/render');
+  assert.equal(pictureAddress('ball', { axes: false, caption: '' }, true), 'v1/datasets/ball/render?record');
+  const address = new URL(pictureAddress('ball', drawn, true), 'http://gateway/');
+  assert.deepEqual([...address.searchParams], [['axes', ''], ['scale-bar', ''], ['legend', ''], ['caption', drawn.caption], ['record', '']]);
+  const command = stateToCommand({ surfaces: [{ isovalue: 1 }] }, 'a.png', { width: 2, height: 3 }, {}, drawn);
+  assert.match(command, /--axes \\\n {2}--scale-bar \\\n {2}--legend \\\n {2}--caption 'at \{isovalue\} & "\{time\}"' \\\n {2}--width 2/);
+  assert.deepEqual(drawnToWords({ legend: true }), [['legend', '']]);
+  assert.doesNotMatch(stateToCommand({ surfaces: [{ isovalue: 1 }] }, 'a.png'), /--axes|--caption|--record/);
+});
+
+test('a WebP is asked for by the words of its state, as a link, with its size and what is drawn over it', () => {
+  const request = { dataset: 'a b', surfaces: [{ isovalue: 60 }], samples: 4, camera: FULL.camera, viewport: { widthPx: 640, heightPx: 480 } };
+  const address = webpAddress(request, { axes: true, caption: '50 % & more' });
+  assert.match(address, /^v1\/datasets\/a%20b\/render\?surface=60&eye=/);
+  const words = [...new URL(address, 'http://gateway/').searchParams];
+  assert.deepEqual(words.slice(-5), [['width', '640'], ['height', '480'], ['format', 'webp'], ['axes', ''], ['caption', '50 % & more']]);
+  assert.deepEqual(stateFromHash(new URLSearchParams(words.slice(0, -5)).toString()).state, { surfaces: request.surfaces, samples: 4, camera: FULL.camera });
+});
+
+test('meshes have their selection and clip region, opaque colours, and as STL none', () => {
+  const state = { dataset: 'ball', selection: { field: 'p', timeStep: 3 }, samples: 4, caps: {}, clip: { halfSpaces: [{ normal: { x: 1 }, offset: 2 }] },
+    surfaces: [{ isovalue: 60, color: { red: 1, green: 0.5, blue: 0, alpha: 0.25 }, colorBy: { quantity: 'QUANTITY_NORMAL' } }, { labels: [3, 4, 5], smoothLabels: true }] };
+  assert.equal(meshAddress(state, 'ply'), 'v1/datasets/ball/mesh.ply?field=p&step=3&surface=60:1,0.5,0&label=3-5&smooth-labels=&clip-plane=1,0,0,2');
+  assert.equal(meshAddress(state, 'stl'), 'v1/datasets/ball/mesh.stl?field=p&step=3&surface=60&label=3-5&smooth-labels=&clip-plane=1,0,0,2');
+  assert.deepEqual(MESH_FORMATS.map(([format]) => format).sort(), ['glb', 'obj', 'ply', 'stl', 'vtp']);
 });
