@@ -511,8 +511,9 @@ TEST_F(CliTest, InfoReadsALargeVolumesValuesOnlyIfItIsAsked) {
 }
 
 TEST_F(CliTest, RenderWithoutALevelNamesTheCommandThatSuggestsOne) {
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("v.nrrd"), ""));
   const testing::CommandResult result =
-      testing::RunIsoscope({"render", gyroid_, "-o", Path("o.png")}, {});
+      testing::RunIsoscope({"render", Path("v.nrrd"), "-o", Path("o.png")}, {});
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_THAT(result.err, HasSubstr("isoscope info INPUT --histogram"));
 }
