@@ -1,6 +1,7 @@
 // 1. Ranges that follow from the description of the dataset: wire::ResolveColorRanges. SelectVolume
 //    has set those of surfaces that show a field.
-// 2. Percentiles of caps: from the histogram of the volume, summed over all shards.
+// 2. Percentiles of caps: from the histogram of the volume, summed over all shards. A partial picture
+//    has the range of the step if an agent is lost meanwhile.
 // 3. What is visible: the frame is drawn with normals and steps in place of colours, at one sample a
 //    pixel. A step bounds a value to 1/256 of the map's range. Where the steps that show are few,
 //    their span becomes the range, and the frame is drawn again.
@@ -54,12 +55,23 @@ absl::StatusOr<std::shared_ptr<const SampleCounts>> FindSampleCounts(const Frame
   return std::shared_ptr<const SampleCounts>(std::move(counts));
 }
 
+// Whether a picture that may be partial would only lack the shards of the agent that failed so.
+bool IsOfLostAgent(const absl::Status& status) {
+  return absl::IsUnavailable(status) || absl::IsDataLoss(status) ||
+         absl::IsFailedPrecondition(status);
+}
+
 // The range between the percentiles of caps; none if there are no counts, or if both are one value.
 absl::StatusOr<std::optional<frame::ColorRange>> RangeOfPercentiles(const FrameToRange& frame,
-                                                                    const frame::FrameSpec& spec) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const SampleCounts> counts,
-                            FindSampleCounts(frame));
+                                                                    const AskedFrame& asked) {
+  const frame::FrameSpec& spec = asked.spec;
+  const absl::StatusOr<std::shared_ptr<const SampleCounts>> found = FindSampleCounts(frame);
   std::optional<frame::ColorRange> range;
+  if (asked.allow_partial && IsOfLostAgent(found.status())) {
+    return range;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(found.status());
+  const std::shared_ptr<const SampleCounts>& counts = *found;
   if (!counts->samples.has_value()) {
     return range;
   }
@@ -79,12 +91,13 @@ absl::StatusOr<std::optional<frame::ColorRange>> RangeOfPercentiles(const FrameT
   return range;
 }
 
-absl::Status ResolvePercentiles(const FrameToRange& frame, frame::FrameSpec* spec) {
+absl::Status ResolvePercentiles(const FrameToRange& frame, AskedFrame* asked) {
+  frame::FrameSpec* const spec = &asked->spec;
   if (!frame::HasSampleCaps(*spec) || !spec->caps->percentiles.has_value() ||
       spec->caps->range.has_value()) {
     return absl::OkStatus();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(spec->caps->range, RangeOfPercentiles(frame, *spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec->caps->range, RangeOfPercentiles(frame, *asked));
   if (!spec->caps->range.has_value()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec->caps->range,
                               wire::ColorRangeOf(frame.target->selected.at_step, "caps.range"));
@@ -174,7 +187,7 @@ absl::Status ResolveVisible(const FrameToRange& frame, AskedFrame* asked) {
 absl::Status ResolveRanges(const FrameToRange& frame, AskedFrame* asked) {
   ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(frame.target->dataset->dataset,
                                                     frame.target->selected.at_step, &asked->spec));
-  ISOSCOPE_RETURN_IF_ERROR(ResolvePercentiles(frame, &asked->spec));
+  ISOSCOPE_RETURN_IF_ERROR(ResolvePercentiles(frame, asked));
   return ResolveVisible(frame, asked);
 }
 

@@ -137,6 +137,26 @@ TEST_F(AgentQueriesTest, AnAgentWithoutCountsLeavesTheVolumeWithout) {
   EXPECT_TRUE(response.suggestions().empty());
 }
 
+// Symptom: a lost agent failed the partial picture, because its caps asked for percentiles.
+TEST_F(AgentQueriesTest, APartialPictureWithoutAllCountsHasTheRangeOfItsStep) {
+  std::atomic<int> asked{0};
+  second_.on_histogram = [&asked](grpc::ServerContext*, const auto&, auto*) {
+    ++asked;
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "gone");
+  };
+  Start();
+  v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
+  request.set_culling(v1::CULLING_NONE);
+  request.set_allow_partial(true);
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  request.mutable_caps()->set_color_map(v1::COLOR_MAP_GREY);
+  request.mutable_caps()->mutable_range()->mutable_percentiles()->set_high(98);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
+  EXPECT_GE(asked.load(), 1);
+  EXPECT_EQ(response.caps_coloring().caps().range().min(), 0);
+  EXPECT_EQ(response.caps_coloring().caps().range().max(), 255);
+}
+
 TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
   struct Row {
     grpc::StatusCode sent;
