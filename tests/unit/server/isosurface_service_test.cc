@@ -314,7 +314,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusyIsNotAskedForSmallerBands) {
 // Symptom: the trace of a picture of thousands of bands had thousands of processes, each with
 // memory of its own.
 TEST_F(IsosurfaceServiceTest, ATraceHasTheDetailsOfTheFirstBandsAndASpanForEachOther) {
-  constexpr int kMostPixels = 64 * 64;
+  constexpr int kMostPixels = 128 * 128;
   constexpr int kDetailedBands = 64;
   const auto play = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
     internal::RenderFrameRequest request;
@@ -342,7 +342,7 @@ TEST_F(IsosurfaceServiceTest, ATraceHasTheDetailsOfTheFirstBandsAndASpanForEachO
   first_.on_frame = play;
   second_.on_frame = play;
   Start();
-  isoscope::v1::RenderIsosurfaceRequest request = FrameRequest(768, 640);
+  isoscope::v1::RenderIsosurfaceRequest request = FrameRequest(1536, 1280);
   request.set_with_trace(true);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(request));
   const std::int64_t band_count = response.statistics().band_count();
