@@ -622,6 +622,7 @@ class LabelTest(PageTest):
         self.assertFalse(self.browser.find_element(By.ID, 'label-actions').is_displayed())
 
     def test_labels_are_smooth_together_also_in_a_link(self):
+        self.gateway.control(features=['notes', 'smooth_labels'])
         self.open_and_wait('#dataset=organs&label=1&label=2')
         smooth = self.browser.find_element(By.ID, 'labels-smooth')
         self.until('!document.getElementById("smooth-switch").hidden')

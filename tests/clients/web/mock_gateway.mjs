@@ -218,7 +218,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes', 'smooth_labels'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 };
 const streams = new Set();
 
