@@ -120,7 +120,14 @@ absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const FrameTarget& target, cons
   if (!MayWorkSmaller(error)) {
     return error;
   }
-  needs->max_drawn_pixels = DrawnPixelsOf(SpecOfBand(asked_.spec, bands.At(0))) / 2;
+  // Half of what was refused; at last the least that a band draws, which margins may make more.
+  const std::size_t refused = DrawnPixelsOf(BandInTheMiddle(asked_.spec, bands.band()));
+  const std::size_t least =
+      DrawnPixelsOf(BandInTheMiddle(asked_.spec, SmallestBand(frame::ImageSizeOf(asked_.spec))));
+  if (least >= refused) {
+    return error;
+  }
+  needs->max_drawn_pixels = std::max(refused / 2, least);
   const absl::StatusOr<BandGrid> smaller = ticket_->PlanFrame(asked_.spec, *needs);
   if (!smaller.ok()) {
     return error;

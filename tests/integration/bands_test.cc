@@ -2,6 +2,7 @@
 // they are drawn in bands, and have the bytes of a cluster with ample memory. What the bands share
 // is counted once. What can't be drawn in bands is refused with a limit that draws.
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -132,7 +133,7 @@ class BandsTest : public ::testing::Test {
     v1::Surface* const surface = request->add_surfaces();
     surface->set_isovalue(isovalue);
     surface->mutable_color()->set_red(0.9F);
-    surface->mutable_color()->set_green(static_cast<float>(isovalue / 255));
+    surface->mutable_color()->set_green(static_cast<float>(std::min(isovalue / 255, 1.0)));
     surface->mutable_color()->set_alpha(alpha);
     return surface;
   }
