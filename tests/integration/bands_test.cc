@@ -44,8 +44,8 @@ using testing::StatusIs;
 constexpr int kShardCounts[] = {1, 2, 5};
 using Flags = std::vector<std::string>;
 Flags LittleMemory() { return {"--memory-limit", "96MiB"}; }
-// An agent has its shards and its libraries besides.
-Flags LittleMemoryOfAgent() { return {"--memory-limit", "128MiB"}; }
+// An agent has its shards and its libraries besides, and margins of effects.
+Flags LittleMemoryOfAgent() { return {"--memory-limit", "160MiB"}; }
 
 struct Cluster {
   std::vector<testing::ServerProcess> agents;
