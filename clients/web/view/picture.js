@@ -148,7 +148,10 @@ export class Picture {
     const ratio = globalThis.devicePixelRatio || 1;
     const { clientWidth, clientHeight } = this.#root;
     const isSame = this.ratio === ratio && this.cssWidth === clientWidth && this.cssHeight === clientHeight;
-    const [across, down] = device ? [device.width, device.height] : isSame ? [this.deviceWidth, this.deviceHeight]
+    // A browser that emulates a screen tells the pixels of its own.
+    const isOfThisScreen = device && Math.abs(device.width - clientWidth * ratio) <= 1 + ratio
+      && Math.abs(device.height - clientHeight * ratio) <= 1 + ratio;
+    const [across, down] = isOfThisScreen ? [device.width, device.height] : isSame ? [this.deviceWidth, this.deviceHeight]
       : [Math.round(clientWidth * ratio), Math.round(clientHeight * ratio)];
     const shrink = Math.min(1, Math.min(this.#maxSide, this.#yieldedSide) / Math.max(across, down, 1));
     const width = Math.max(1, Math.round(across * shrink));
