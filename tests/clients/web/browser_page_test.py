@@ -213,10 +213,10 @@ class UndoTest(base.PageTest):
         self.browser.find_element(By.ID, 'undo').click()
         self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].isovalue === 60')
         self.until('document.querySelector("#surfaces input[type=number]").value === "60"')
-        self.js("const menu = document.getElementById('samples'); menu.value = '4'; menu.dispatchEvent(new Event('change'));")
+        self.js("const menu = document.getElementById('samples'); menu.value = '16'; menu.dispatchEvent(new Event('change'));")
         self.until(f'{self.BUTTONS} === "true,false"')
         self.browser.find_element(By.ID, 'undo').click()
-        self.until('isoscope.view.isExact && !isoscope.view.state.samples')
+        self.until('isoscope.view.isExact && isoscope.view.state.samples === 4')
 
     def test_undo_goes_back_to_the_dataset_before(self):
         self.open_and_wait('#dataset=ball&surface=55')
@@ -386,7 +386,9 @@ class PointTest(base.PageTest):
         self.assertEqual((before['x'] + 150, before['y'] + 90), (moved['x'], moved['y']))
         handle.send_keys(Keys.ARROW_LEFT)
         self.assertEqual(moved['x'] - 16, panel.rect['x'])
-        base.ActionChains(self.browser, duration=10).move_to_element_with_offset(handle, grip, 0).click_and_hold().move_by_offset(-400, -300).release().perform()
+        place = handle.rect  # the pointer stays in the window, and would take the panel beyond the picture
+        to_corner = (1 - int(place['x']) - int(place['width']) // 2 - grip, 1 - int(place['y']) - int(place['height']) // 2)
+        base.ActionChains(self.browser, duration=10).move_to_element_with_offset(handle, grip, 0).click_and_hold().move_by_offset(*to_corner).release().perform()
         stage = self.browser.find_element(By.ID, 'stage').rect
         self.assertEqual((stage['x'], stage['y']), (panel.rect['x'], panel.rect['y']))
         self.assertEqual(1, len(self.js('return isoscope.view.loop.overlay.pins')), 'a drag of the panel picks')

@@ -87,13 +87,17 @@ class Gateway:
         self.port = int(self.process.stdout.readline())
         self.url = f'http://127.0.0.1:{self.port}/'
 
+    token = None  # the mock requires it
+
     def control(self, **what):
+        self.token = what.get('token', self.token)
         body = json.dumps(what).encode() if what else None
         with urllib.request.urlopen(urllib.request.Request(self.url + 'control', data=body), timeout=PATIENCE_S) as reply:
             return json.load(reply)
 
     def post(self, path, body):
-        request = urllib.request.Request(self.url + path, data=json.dumps(body).encode())
+        headers = {'Authorization': f'Bearer {self.token}'} if self.token else {}
+        request = urllib.request.Request(self.url + path, data=json.dumps(body).encode(), headers=headers)
         with urllib.request.urlopen(request, timeout=PATIENCE_S) as reply:
             return reply.read()
 
