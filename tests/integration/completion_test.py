@@ -201,7 +201,7 @@ class Zsh(WithFolder):
         self.check("isoscope-agent --renderer c", "isoscope-agent --renderer cpu")
         self.check("isoscope render --view ant", "isoscope render --view anterior")
         self.check("isoscope generate gy", "isoscope generate gyroid")
-        self.check("isoscope render --color-by no", "isoscope render --color-by none")
+        self.check("isoscope render --color-by non", "isoscope render --color-by none")
         self.check("isoscope render --color-by z:vi", "isoscope render --color-by z:viridis")
 
 

@@ -121,7 +121,7 @@ class MissingValuesTest(unittest.TestCase):
 
     def test_missing_values_have_a_grey_that_is_no_color_of_the_map(self):
         flat = ['--light', '0,0,1:0']  # the ambient share alone
-        rows = self.rows_of(self.run_, *self.COLORED, 'holes:turbo', *flat)
+        rows = self.rows_of(self.run_, *self.COLORED, 'holes:turbo', *flat, '--view', 'front')
         colors = {pixel for row in rows for pixel in row} - {(0, 0, 0)}
         missing = tuple(round(channel * 0.12) for channel in GREY)
         self.assertIn(missing, colors)

@@ -191,16 +191,16 @@ class OpenApiTest(unittest.TestCase):
         _, _, operation = self.client.operations['getPicture']
         for parameter in operation['parameters']:
             name = parameter['name'].replace('-', '_')
-            lights = {'light': ['0,0,1']} if name == 'light_space' else {}
+            beside = {'light_space': {'light': ['0,0,1']}, 'color_range': {'color_by': ['z']}}.get(name, {})
             for choice in parameter['schema'].get('enum', []):
                 with self.subTest(parameter=name, choice=choice):
-                    self.good('getPicture', name=self.dataset, isovalue=128, **SIDE, **lights, **{name: choice})
+                    self.good('getPicture', name=self.dataset, isovalue=128, **SIDE, **beside, **{name: choice})
         self.good('getPicture', name=self.dataset, isovalue=128, azimuth=30, zoom=1.5, max_layers=2, **SIDE)
 
     def test_a_picture_is_the_one_of_the_command_line(self):
         path = os.path.join(self.folder.name, 'plain.png')
-        subprocess.run([ISOSCOPE, 'render', self.volume, '--isovalue', '128', '--width', '320', '--height', '240', '--renderer',
-                        'cpu', '--no-metadata', '-o', path], check=True, env=self.environment, stdout=subprocess.DEVNULL)
+        subprocess.run([ISOSCOPE, 'render', self.volume, '--isovalue', '128', '--azimuth', '0', '--width', '320', '--height', '240',
+                        '--renderer', 'cpu', '--no-metadata', '-o', path], check=True, env=self.environment, stdout=subprocess.DEVNULL)
         kind, picture, _ = self.good('getPicture', name=self.dataset, isovalue=128, **SIDE)
         self.assertEqual(kind, 'image/png')
         with open(path, 'rb') as file:

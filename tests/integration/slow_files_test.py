@@ -139,6 +139,10 @@ class Cluster:
             addresses.append(self.start('isoscope-agent', folder))
         self.address = self.start('isoscope-coordinator', *[x for a in addresses for x in ('--agent', a)],
                                   '--poll-seconds', '0.2')
+        end = time.monotonic() + PATIENCE
+        while 'dataset_ready' not in self.log(len(agents)):
+            assert time.monotonic() < end, self.log(len(agents))
+            time.sleep(0.05)
 
     def start(self, program, *arguments):
         log = tempfile.NamedTemporaryFile('w+', suffix='.log')

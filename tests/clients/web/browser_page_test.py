@@ -405,7 +405,7 @@ class SentenceTest(base.PageTest):
     def test_sentences_leave_the_time_bar_free_at_every_size(self):
         for width, height in ((1440, 900), (900, 700), (390, 844)):
             with self.subTest(f'{width} x {height}'), size_of(self.browser, width, height):
-                self.open_and_wait('#dataset=flow&surface=40&step=1&nonsense=1')
+                self.open('#dataset=flow&surface=40&step=1&nonsense=1')  # the toast may end before the picture is there
                 self.until('!document.getElementById("toast").hidden && !document.getElementById("timeline").hidden')
                 self.js("isoscope.view.loop.notices.problem('The server says something of a usual length, which takes more than a line.')")
                 bar, toast, notice = self.js(self.BOXES)
