@@ -78,7 +78,7 @@ class LabelNamesTest(unittest.TestCase):
 
     def picture(self, name, source, *flags):
         path = self.path(name)
-        self.output_of('render', source, '--width', '96', '--height', '96', *flags, '-o', path)
+        self.output_of('render', source, '--view', 'front', '--width', '96', '--height', '96', *flags, '-o', path)
         return path
 
     def test_info_lists_the_labels_of_a_file_and_of_its_dataset(self):

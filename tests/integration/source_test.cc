@@ -296,7 +296,8 @@ class CommandTest : public ::testing::Test {
                                        "0",     "--output", directory_.Sub("output")};
     arguments.insert(arguments.end(), more.begin(), more.end());
     if (command == "render") {
-      arguments.insert(arguments.end(), {"--width", "96", "--height", "80", "--renderer", "cpu"});
+      arguments.insert(arguments.end(), {"--width", "96", "--height", "80", "--renderer", "cpu",
+                                         "--view", "front"});  // patients or not
     }
     const CommandResult result = testing::RunIsoscope(
         arguments, {.environment = {"XDG_CACHE_HOME=" + directory_.Sub("cache")}});
