@@ -132,7 +132,8 @@ class MissingValuesTest(unittest.TestCase):
         self.assertLess(sum(seen) / len(seen), sum(valued) / len(valued), 'the left side lacks values')
         for x in valued:
             self.assertGreater(x, min(seen))
-        teal = self.rows_of(self.run_, *self.COLORED, 'holes:turbo', *flat, '--nan-color', '#ff0000')
+        teal = self.rows_of(self.run_, *self.COLORED, 'holes:turbo', *flat, '--view', 'front',
+                            '--nan-color', '#ff0000')
         for row, other in zip(rows, teal):
             for pixel, changed in zip(row, other):
                 self.assertEqual(changed, (31, 0, 0) if pixel == missing else pixel)

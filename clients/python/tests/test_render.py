@@ -183,7 +183,7 @@ def test_a_sphere_has_its_area(programs):
         ball = client["ball"]
         assert ball.dims == (56, 48, 40) and ball.dtype == np.float32
         assert ball.mesh(5).area == pytest.approx(4 * np.pi * 10**2, rel=0.01)
-        point = ball.pick((50, 50), 5, size=100)
+        point = ball.pick((50, 50), 5, size=100, view="front")
         assert np.linalg.norm(np.subtract(point.position, 14)) == pytest.approx(10, abs=0.05)
         assert point.normal[2] > 0.9
 

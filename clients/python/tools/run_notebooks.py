@@ -35,6 +35,9 @@ def execute(path: pathlib.Path) -> nbformat.NotebookNode:
 
 
 def main() -> None:
+    if programs := os.environ.get("ISOSCOPE_BIN"):
+        # Kernels run in the folder of their notebook.
+        os.environ["ISOSCOPE_BIN"] = os.path.abspath(programs)
     paths = [pathlib.Path(name) for name in sys.argv[1:]] or sorted((PACKAGE / "examples").glob("*.ipynb"))
     for path in paths:
         nbformat.write(execute(path), path)

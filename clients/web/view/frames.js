@@ -26,7 +26,7 @@ const EXHAUSTED = 8;
 /** Reasons of RESOURCE_EXHAUSTED where a smaller picture is refused, too: its place in the queue is missing. */
 const BUSY_REASONS = ['TOO_BUSY', 'RATE_LIMITED'];
 /** A state is sent again after so long, in milliseconds; sooner or later if the server says when, within limits. */
-const RETRY_MS = 2000;
+const DEFAULT_RETRY_MS = 2000;
 const LEAST_RETRY_MS = 250;
 const MOST_RETRY_MS = 60000;
 const VERSION_HINT = 'Do server and page have the same version?';
@@ -42,7 +42,7 @@ const sequenceOf = (header) => Number(header.sequenceNumber ?? 0);
 export function refusalOf({ code = 2, reason = '', retryDuration }) {
   const told = 1000 * parseFloat(retryDuration ?? '');
   return { isPassing: PASSING_CODES.includes(Number(code)), isTooLarge: Number(code) === EXHAUSTED && !BUSY_REASONS.includes(reason),
-    retryMs: Number.isFinite(told) ? Math.min(MOST_RETRY_MS, Math.max(LEAST_RETRY_MS, told)) : RETRY_MS };
+    retryMs: Number.isFinite(told) ? Math.min(MOST_RETRY_MS, Math.max(LEAST_RETRY_MS, told)) : DEFAULT_RETRY_MS };
 }
 
 /** @param {any} message @returns {DepthGrid | null} */

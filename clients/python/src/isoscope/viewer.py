@@ -236,6 +236,10 @@ class View:
         state.setdefault("backgroundColor", _BLACK)
         if not state.get("surfaces"):
             state["surfaces"] = [{"isovalue": state.pop("isovalue", 0)}]
+        # JSON of a proto leaves zeros out.
+        for surface in state["surfaces"]:
+            if "labels" not in surface:
+                surface.setdefault("isovalue", 0)
         query = urlencode({"token": self._gateway.token} if self._gateway.token else {})
         lost = (
             f" does not get to {self.gateway}: its kernel has ended, or the browser is on another machine, or the page "
