@@ -10,6 +10,9 @@
 // Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share,
 // because the end of one band overlaps with the begin of the next: allocators return memory late.
 // The same 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
+// Beside agents of this process a band takes at most half, and a twelfth of the limit. An answer in
+// parts counts as a whole one, because the client of this process joins the parts. The answer leaves
+// an eighth of the limit to the images that the agents keep.
 //
 // ReserveFrame does not know the dataset yet, and takes 1 MiB for the sets of drawn blocks. Those of
 // a larger dataset make the bands smaller, so that both stay within what was taken. Only a frame
@@ -50,13 +53,18 @@ constexpr std::size_t kFrameShare = 16;       // 9 of 16
 constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of eight agents
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
+// Shares beside agents of the same process: a band, and what an answer leaves.
+constexpr std::size_t kBandShareBesideAgents = 12;
+constexpr std::size_t kAgentImageShare = 8;
 constexpr std::size_t kTraceShare = 8;  // of one frame, out of the frames' share
 constexpr std::size_t kMaxTraceBytes = 32 * base::kMiB;
 // The sets of blocks that a frame in bands has drawn, as far as its dataset is not known: those of
 // more than two million blocks.
 constexpr std::size_t kCountingBytes = base::kMiB;
-// The share of what is free that a band takes.
-std::size_t BandShareOf(std::size_t bytes) { return bytes / 4 * 3; }
+// The part of `bytes`, which are free, that a band takes.
+std::size_t BandShareOf(std::size_t bytes, std::size_t limit_bytes, bool has_agents) {
+  return has_agents ? std::min(bytes / 2, limit_bytes / kBandShareBesideAgents) : bytes / 4 * 3;
+}
 
 // The share of frames.
 std::size_t FrameCapacity(std::size_t limit_bytes) { return limit_bytes / kFrameShare * 9; }
@@ -101,7 +109,7 @@ absl::StatusOr<std::size_t> BytesToReserve(const CoordinatorMemory& memory,
   ISOSCOPE_ASSIGN_OR_RETURN(const BandGrid bands, memory.PlanFrame(spec, wish, {}));
   return bands.count() == 1
              ? FrameBytes(spec, wish.delivery)
-             : BandedBytesOf(spec, bands.band(), wish.delivery).most() + kCountingBytes;
+             : memory.BytesInBands(spec, bands.band(), wish.delivery).most() + kCountingBytes;
 }
 
 double Mebibytes(std::size_t bytes) {
@@ -166,6 +174,11 @@ std::size_t CoordinatorMemory::BytesForBands(const frame::FrameSpec& spec, std::
   return capacity - std::min(capacity, besides);
 }
 
+BandedBytes CoordinatorMemory::BytesInBands(const frame::FrameSpec& spec,
+                                            const view::Viewport& band, Delivery delivery) const {
+  return BandedBytesOf(spec, band, agent_limit_ == nullptr ? delivery : Delivery::kWhole);
+}
+
 bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
                                     std::size_t limit_bytes, std::size_t bytes, Delivery delivery,
                                     std::size_t max_drawn_pixels) const {
@@ -175,9 +188,12 @@ bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Vi
       !AgentsFitBand(spec, band, limit_bytes)) {
     return false;
   }
-  const BandedBytes needed = BandedBytesOf(spec, band, delivery);
-  return needed.kept <= bytes && needed.band <= BandShareOf(bytes - needed.kept) &&
-         std::max(needed.encode, needed.send) <= bytes;
+  const bool has_agents = agent_limit_ != nullptr;
+  const std::size_t left = has_agents ? std::min(bytes, limit_bytes / kAgentImageShare) : 0;
+  const BandedBytes needed = BytesInBands(spec, band, delivery);
+  return needed.kept <= bytes &&
+         needed.band <= BandShareOf(bytes - needed.kept, limit_bytes, has_agents) &&
+         std::max(needed.encode, needed.send) <= bytes - left;
 }
 
 absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& spec,
@@ -199,7 +215,7 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
       ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, spec, wish));
       const auto fits_taken = [&](const view::Viewport& band) {
         return fits_share(band) &&
-               BandedBytesOf(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
+               BytesInBands(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
       };
       if (const std::optional<BandGrid> within = BestBands(spec, fits_taken); within.has_value()) {
         bands = within;
@@ -235,7 +251,7 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
   const bool is_in_bands = MayBand(spec, wish);
   const std::size_t bytes =
       TraceBytesOf(limit_bytes_, wish) +
-      (is_in_bands ? BandedBytesOf(spec, SmallestBand(size), wish.delivery).most()
+      (is_in_bands ? BytesInBands(spec, SmallestBand(size), wish.delivery).most()
                    : FrameBytes(spec, wish.delivery));
   return absl::ResourceExhaustedError(absl::StrFormat(
       "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator%s; with its memory limit of "

@@ -77,6 +77,9 @@ class CoordinatorMemory {
   [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
                                                    const FrameWish& wish,
                                                    const FrameNeeds& needs) const;
+  // The bytes of a frame in bands, with those of a client in this process.
+  [[nodiscard]] BandedBytes BytesInBands(const frame::FrameSpec& spec, const view::Viewport& band,
+                                         Delivery delivery) const;
   // Bytes of an export on their way to its client: queued chunks, and gRPC's copy.
   static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
   // Takes the memory of an export: data on its way from each agent and to the client. Exports have

@@ -19,6 +19,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
+#include "core/base/memory_info.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
@@ -167,6 +168,7 @@ absl::Status PictureJob::RenderBands(const FrameTarget& target, const BandGrid& 
       StartAgain(output);  // some bands have shards that others lack
       continue;
     }
+    base::ReturnFreedMemory();  // of the bands, before gRPC copies the answer
     const base::MonotonicTime encode_start = base::MonotonicNow();
     const base::TraceScope trace(recorder(), "join bands");
     ISOSCOPE_ASSIGN_OR_RETURN(
