@@ -197,6 +197,26 @@ TEST(CoordinatorMemoryTest, CommonLimitsDrawWhatScreensAndPrintersAskFor) {
   }
 }
 
+// Symptom: a JPEG of 8K was refused where the PNG was drawn.
+TEST(CoordinatorMemoryTest, AJpegThatIsEncodedByRowsKeepsItsBytesOnce) {
+  frame::FrameSpec jpeg = SpecOf(7680, 4320);
+  jpeg.effects.samples_per_side = 2;
+  jpeg.surfaces.resize(2);
+  jpeg.surfaces[1].opacity = 0.5F;
+  jpeg.output.image_format = frame::ImageFormat::kJpeg;
+  for (const std::uint8_t alpha : {std::uint8_t{255}, std::uint8_t{0}}) {
+    jpeg.background_color.a = alpha;
+    EXPECT_TRUE(IsEncodedByRows(jpeg));
+    ISOSCOPE_EXPECT_OK(CoordinatorMemory(512 * kMiB).CheckFits(jpeg, kInBands));
+    const BandedBytes bytes = BandedBytesOf(jpeg, {7680, 64}, Delivery::kParts);
+    EXPECT_EQ(bytes.encode, bytes.kept);
+    EXPECT_EQ(bytes.send, bytes.kept);
+  }
+  frame::FrameSpec png = jpeg;
+  png.output.image_format = frame::ImageFormat::kPng;
+  EXPECT_FALSE(IsEncodedByRows(png)) << "over a clear background the last pixel may be translucent";
+}
+
 TEST(CoordinatorMemoryTest, TheLimitThatIsNamedForBandsIsTheLeastThatDraws) {
   for (const bool has_trace : {false, true}) {
     for (const Delivery delivery : {Delivery::kWhole, Delivery::kParts}) {
