@@ -270,6 +270,35 @@ TEST(CoordinatorMemoryTest, AgentsOfTheSameProcessGetThreeQuartersOfTheirLimit) 
   EXPECT_EQ(at_once.count(), 1);
 }
 
+// Symptom: the process of `isoscope view` exceeded its limit by planes of 8K beside its agents.
+TEST(CoordinatorMemoryTest, PlanesBesideAgentsOfTheSameProcessMakeBandsSmaller) {
+  constexpr std::size_t kLimit = 512 * kMiB;
+  const auto agent_limit = [](const frame::FrameSpec& spec) {
+    return std::max(CoordinatorMemory::kMinLimitBytes, DrawnPixels(spec) * 192);
+  };
+  const CoordinatorMemory together(kLimit, agent_limit);
+  frame::FrameSpec picture = SpecOf(7680, 4320);
+  picture.output.image_format = frame::ImageFormat::kPng;
+  frame::FrameSpec depth = SpecOf(7680, 4320);
+  depth.output.image_format = frame::ImageFormat::kNone;
+  depth.output.depth = true;
+  const std::size_t depth_bytes = std::size_t{7680} * 4320 * frame::kDepthBytes;
+  const FrameWish in_parts{.delivery = Delivery::kParts, .may_band = true};
+  const auto agents_take = [&](const frame::FrameSpec& spec) {
+    const auto bands = together.PlanFrame(spec, in_parts, {});
+    ISOSCOPE_EXPECT_OK(bands.status());
+    return bands.ok() ? agent_limit(BandInTheMiddle(spec, bands->band())) : 0;
+  };
+  EXPECT_GT(agents_take(picture), (kLimit - 2 * depth_bytes) / 4 * 3);
+  EXPECT_LE(agents_take(depth), (kLimit - 2 * depth_bytes) / 4 * 3);
+  // Planes that leave agents less than their least limit are drawn in bands as pictures are.
+  frame::FrameSpec position = SpecOf(5120, 2880);
+  position.output.image_format = frame::ImageFormat::kNone;
+  position.output.position = true;
+  position.output.depth = true;
+  EXPECT_GT(agents_take(position), std::size_t{0});
+}
+
 TEST(CoordinatorMemoryTest, BandsGetSmallerForAgentsElsewhereAndForSetsOfManyBlocks) {
   const CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
   const frame::FrameSpec spec = SpecOf(1024, 1024);
