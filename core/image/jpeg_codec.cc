@@ -155,8 +155,9 @@ struct JpegRowWriter::State {
   }
   // Starts the picture. Errors jump.
   void Start();
-  // Writes rows, and the end of the file after the last one. Errors jump.
-  void Write(const Rgba8* pixels, int count);
+  // Writes rows, and the end of the file after the last one. Errors jump: inlined, its variables
+  // would be undefined in TryWrite.
+  [[gnu::noinline]] void Write(const Rgba8* pixels, int count);
   // False if an error has come.
   bool TryWrite(const Rgba8* pixels, int count);
 
