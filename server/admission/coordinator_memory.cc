@@ -13,6 +13,8 @@
 // Beside agents of this process a band takes at most half, and a twelfth of the limit. An answer in
 // parts counts as a whole one, because the client of this process joins the parts. The answer leaves
 // an eighth of the limit to the images that the agents keep.
+// Planes and raw pictures lie beside the agents, and a client of this process may still hold the
+// last ones. So agents get bands as if the limit were smaller by both, unless none fits then.
 //
 // ReserveFrame does not know the dataset yet, and takes 1 MiB for the sets of drawn blocks. Those of
 // a larger dataset make the bands smaller, so that both stay within what was taken. Only a frame
@@ -97,6 +99,13 @@ frame::FrameSpec WithAllMargins(const frame::FrameSpec& spec) {
 std::size_t DrawnPixelsOf(const frame::FrameSpec& spec) {
   const view::Viewport drawn = frame::DrawnWindowOf(spec).image_size();
   return static_cast<std::size_t>(drawn.width_px) * static_cast<std::size_t>(drawn.height_px);
+}
+
+// The bytes of planes and raw pictures, which fill memory from the first band on.
+std::size_t RawBytesOf(const frame::FrameSpec& spec) {
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
+         frame::RawBytesPerPixel(spec.output);
 }
 
 bool MayBand(const frame::FrameSpec& spec, const FrameWish& wish) {
@@ -207,10 +216,17 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
   }
   if (MayBand(spec, wish)) {
     const std::size_t bytes = BytesForBands(spec, limit_bytes_, wish, needs);
+    // What agents of this process have beside these planes and those that a client still holds.
+    std::size_t for_agents =
+        limit_bytes_ - (agent_limit_ == nullptr ? 0 : std::min(2 * RawBytesOf(spec), limit_bytes_));
     const auto fits_share = [&](const view::Viewport& band) {
-      return FitsInBands(spec, band, limit_bytes_, bytes, wish.delivery, needs.max_drawn_pixels);
+      return FitsInBands(spec, band, for_agents, bytes, wish.delivery, needs.max_drawn_pixels);
     };
     std::optional<BandGrid> bands = BestBands(spec, fits_share);
+    if (!bands.has_value() && for_agents < limit_bytes_) {
+      for_agents = limit_bytes_;
+      bands = BestBands(spec, fits_share);
+    }
     if (bands.has_value() && needs.counting_bytes > kCountingBytes) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, spec, wish));
       const auto fits_taken = [&](const view::Viewport& band) {

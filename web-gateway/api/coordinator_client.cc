@@ -236,8 +236,9 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
     std::size_t bytes = 0;
   };
   const auto whole = std::make_shared<Whole>();
-  const auto append = [whole, limit = max_picture_bytes_](
+  const auto append = [whole, limit = max_picture_bytes_, output = in_parts.request().output()](
                           v1::RenderIsosurfaceStreamResponse* message) -> absl::Status {
+    const bool is_first = whole->bytes == 0;
     whole->bytes += message->ByteSizeLong();
     if (whole->bytes > limit) {
       return absl::ResourceExhaustedError(
@@ -246,6 +247,9 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
                        "fewer pixels"));
     }
     wire::AppendPart(std::move(*message->mutable_part()), &whole->response);
+    if (is_first) {
+      wire::ReserveRaw(output, limit, &whole->response);
+    }
     return absl::OkStatus();
   };
   auto* const call =

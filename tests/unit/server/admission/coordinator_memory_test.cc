@@ -197,6 +197,26 @@ TEST(CoordinatorMemoryTest, CommonLimitsDrawWhatScreensAndPrintersAskFor) {
   }
 }
 
+// Symptom: a JPEG of 8K was refused where the PNG was drawn.
+TEST(CoordinatorMemoryTest, AJpegThatIsEncodedByRowsKeepsItsBytesOnce) {
+  frame::FrameSpec jpeg = SpecOf(7680, 4320);
+  jpeg.effects.samples_per_side = 2;
+  jpeg.surfaces.resize(2);
+  jpeg.surfaces[1].opacity = 0.5F;
+  jpeg.output.image_format = frame::ImageFormat::kJpeg;
+  for (const std::uint8_t alpha : {std::uint8_t{255}, std::uint8_t{0}}) {
+    jpeg.background_color.a = alpha;
+    EXPECT_TRUE(IsEncodedByRows(jpeg));
+    ISOSCOPE_EXPECT_OK(CoordinatorMemory(512 * kMiB).CheckFits(jpeg, kInBands));
+    const BandedBytes bytes = BandedBytesOf(jpeg, {7680, 64}, Delivery::kParts);
+    EXPECT_EQ(bytes.encode, bytes.kept);
+    EXPECT_EQ(bytes.send, bytes.kept);
+  }
+  frame::FrameSpec png = jpeg;
+  png.output.image_format = frame::ImageFormat::kPng;
+  EXPECT_FALSE(IsEncodedByRows(png)) << "over a clear background the last pixel may be translucent";
+}
+
 TEST(CoordinatorMemoryTest, TheLimitThatIsNamedForBandsIsTheLeastThatDraws) {
   for (const bool has_trace : {false, true}) {
     for (const Delivery delivery : {Delivery::kWhole, Delivery::kParts}) {
@@ -248,6 +268,35 @@ TEST(CoordinatorMemoryTest, AgentsOfTheSameProcessGetThreeQuartersOfTheirLimit) 
   const CoordinatorMemory of_open_gl(kLimit, [](const frame::FrameSpec&) { return kLimit + kMiB; });
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BandGrid at_once, of_open_gl.PlanFrame(spec, kInBands, {}));
   EXPECT_EQ(at_once.count(), 1);
+}
+
+// Symptom: the process of `isoscope view` exceeded its limit by planes of 8K beside its agents.
+TEST(CoordinatorMemoryTest, PlanesBesideAgentsOfTheSameProcessMakeBandsSmaller) {
+  constexpr std::size_t kLimit = 512 * kMiB;
+  const auto agent_limit = [](const frame::FrameSpec& spec) {
+    return std::max(CoordinatorMemory::kMinLimitBytes, DrawnPixels(spec) * 192);
+  };
+  const CoordinatorMemory together(kLimit, agent_limit);
+  frame::FrameSpec picture = SpecOf(7680, 4320);
+  picture.output.image_format = frame::ImageFormat::kPng;
+  frame::FrameSpec depth = SpecOf(7680, 4320);
+  depth.output.image_format = frame::ImageFormat::kNone;
+  depth.output.depth = true;
+  const std::size_t depth_bytes = std::size_t{7680} * 4320 * frame::kDepthBytes;
+  const FrameWish in_parts{.delivery = Delivery::kParts, .may_band = true};
+  const auto agents_take = [&](const frame::FrameSpec& spec) {
+    const auto bands = together.PlanFrame(spec, in_parts, {});
+    ISOSCOPE_EXPECT_OK(bands.status());
+    return bands.ok() ? agent_limit(BandInTheMiddle(spec, bands->band())) : 0;
+  };
+  EXPECT_GT(agents_take(picture), (kLimit - 2 * depth_bytes) / 4 * 3);
+  EXPECT_LE(agents_take(depth), (kLimit - 2 * depth_bytes) / 4 * 3);
+  // Planes that leave agents less than their least limit are drawn in bands as pictures are.
+  frame::FrameSpec position = SpecOf(5120, 2880);
+  position.output.image_format = frame::ImageFormat::kNone;
+  position.output.position = true;
+  position.output.depth = true;
+  EXPECT_GT(agents_take(position), std::size_t{0});
 }
 
 TEST(CoordinatorMemoryTest, BandsGetSmallerForAgentsElsewhereAndForSetsOfManyBlocks) {
