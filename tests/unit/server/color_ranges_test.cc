@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -133,8 +132,7 @@ TEST_F(ColorRangesTest, ARangeOfWhatIsVisibleIsThatOfThePartsInThePicture) {
   const int drawing_count = drawn_by_second_;
   ASSERT_GT(drawing_count, whole.statistics().band_count()) << "values, and the picture";
   const auto range_of = [](const v1::RenderIsosurfaceResponse& response) {
-    const v1::ColorRange& range = response.colorings(0).color_by().range();
-    return absl::StrCat(range.min(), " to ", range.max());
+    return response.colorings(0).color_by().range().DebugString();
   };
   std::string partial_range;
   std::string partial_png;

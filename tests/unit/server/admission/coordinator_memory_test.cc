@@ -280,7 +280,7 @@ TEST(CoordinatorMemoryTest, ASmallestBandThatAgentsHaveNoRoomForIsRefusedBeforeA
 TEST(CoordinatorMemoryTest, ADrawingOfOneSampleHasFewBandsWithinWhatTheFrameHasTaken) {
   const base::Cancellation never;
   for (const std::size_t limit_mib : {std::size_t{96}, std::size_t{160}, std::size_t{2048}}) {
-    for (const view::Viewport& size : {view::Viewport{900, 800}, {4000, 3000}, {500, 6000}}) {
+    for (const view::Viewport& size : {view::Viewport{900, 800}, {2000, 1500}, {500, 6000}}) {
       CoordinatorMemory memory(limit_mib * kMiB);
       frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
       frame::FrameSpec values = spec;
