@@ -239,7 +239,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
           "--legend shows what the colours of --color-by and of --caps MAP mean: give one of them");
     }
     ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
-    return CheckUsage(flags.sweep, flags.output.value_or(""));
+    return CheckUsage(flags.sweep, flags.request.selection, flags.output.value_or(""));
   }
   if (flags.request.culling == frame::Culling::kMask) {
     return UsageError("--culling mask can't be used with --like: it is approximate");

@@ -21,7 +21,8 @@
 // that already takes the least bands may exceed it, by these sets.
 //
 // A frame that neither way fits is refused. The limit that the refusal names is the least with
-// which the smallest band fits.
+// which the smallest band fits. So is one whose smallest band is too large for the agents of this
+// process, as far as bands help them: those that draw with OpenGL say themselves what they lack.
 
 #include "server/admission/coordinator_memory.h"
 
@@ -241,10 +242,37 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
       return *bands;
     }
   }
+  if (MayBand(spec, wish) && SmallestBandExceedsAgents(spec)) {
+    return TooLargeForAgents(spec, wish, needs);
+  }
   if (fits) {  // the agents say what they lack
     return BandGrid(picture, picture);
   }
   return TooLarge(spec, wish, needs);
+}
+
+absl::StatusOr<BandGrid> CoordinatorMemory::PlanDrawing(const frame::FrameSpec& drawing,
+                                                        const frame::FrameSpec& frame,
+                                                        const FrameWish& wish,
+                                                        const FrameNeeds& needs) const {
+  const view::Viewport picture = frame::ImageSizeOf(frame);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, frame, wish));
+  if (needs.max_drawn_pixels == 0 && frame::DrawnWindowOf(drawing).fits_a_view() &&
+      FrameBytes(drawing, Delivery::kParts) <= taken && AgentsFit(drawing, limit_bytes_)) {
+    return BandGrid(picture, picture);
+  }
+  if (MayBand(frame, wish)) {
+    const std::size_t bytes = BytesForBands(frame, limit_bytes_, wish, needs);
+    const std::optional<BandGrid> bands = BestBands(drawing, [&](const view::Viewport& band) {
+      return FitsInBands(drawing, band, limit_bytes_, bytes, Delivery::kParts,
+                         needs.max_drawn_pixels) &&
+             BandedBytesOf(drawing, band, Delivery::kParts).most() <= taken;
+    });
+    if (bands.has_value()) {
+      return *bands;
+    }
+  }
+  return PlanFrame(frame, wish, needs);
 }
 
 std::size_t CoordinatorMemory::LeastLimitFor(const frame::FrameSpec& spec, const FrameWish& wish,
@@ -280,6 +308,26 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
       wish.has_trace ? ", or for no trace" : "",
       agent_limit_ == nullptr ? "the coordinator's " : "",
+      Mebibytes(LeastLimitFor(spec, wish, needs))));
+}
+
+bool CoordinatorMemory::SmallestBandExceedsAgents(const frame::FrameSpec& spec) const {
+  const view::Viewport smallest = SmallestBand(frame::ImageSizeOf(spec));
+  return agent_limit_ != nullptr && !AgentsFitBand(spec, smallest, limit_bytes_) &&
+         agent_limit_(BandInTheMiddle(spec, smallest)) < agent_limit_(spec);
+}
+
+absl::Status CoordinatorMemory::TooLargeForAgents(const frame::FrameSpec& spec,
+                                                  const FrameWish& wish,
+                                                  const FrameNeeds& needs) const {
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  const view::Viewport smallest = SmallestBand(size);
+  const BandCosts costs = BandCostsOf(spec);
+  return absl::ResourceExhaustedError(absl::StrFormat(
+      "a picture of %d x %d pixels does not fit the memory limit of %.0f MiB, also in bands: "
+      "one of %d x %d pixels%s is too large: %s%sraise --memory-limit to %.0fMiB",
+      size.width_px, size.height_px, Mebibytes(limit_bytes_), smallest.width_px, smallest.height_px,
+      costs.text, costs.advice, costs.advice.empty() ? "" : ", or ",
       Mebibytes(LeastLimitFor(spec, wish, needs))));
 }
 

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -297,6 +298,68 @@ TEST(CoordinatorMemoryTest, PlanesBesideAgentsOfTheSameProcessMakeBandsSmaller) 
   position.output.position = true;
   position.output.depth = true;
   EXPECT_GT(agents_take(position), std::size_t{0});
+}
+
+// Symptom: agents of the same process got the whole, and named the limit that the whole needs.
+TEST(CoordinatorMemoryTest, ASmallestBandThatAgentsHaveNoRoomForIsRefusedBeforeAnyWork) {
+  constexpr std::size_t kLimit = 256 * kMiB;
+  const auto agent_limit = [](const frame::FrameSpec& spec) {
+    return std::max(CoordinatorMemory::kMinLimitBytes, DrawnPixels(spec) * 1024);
+  };
+  const CoordinatorMemory memory(kLimit, agent_limit);
+  for (const view::Viewport& size : {view::Viewport{400, 300}, {3000, 2000}}) {
+    frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
+    ISOSCOPE_EXPECT_OK(memory.PlanFrame(spec, kInBands, {}));
+    spec.effects.samples_per_side = 4;
+    spec.effects.ambient_occlusion = frame::AmbientOcclusion{.radius_px = 56};
+    const absl::Status refused = memory.CheckFits(spec, kInBands);
+    EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted,
+                                  AllOf(HasSubstr("one of 64 x 64 pixels with 16 samples and 64 "
+                                                  "pixels around it for effects is too large: "),
+                                        HasSubstr("ask for fewer samples, for a smaller "
+                                                  "ambient_occlusion or silhouette, or raise"))));
+    const auto named = static_cast<std::size_t>(NamedLimitMib(refused));
+    ISOSCOPE_EXPECT_OK(CoordinatorMemory(named * kMiB, agent_limit).CheckFits(spec, kInBands));
+    EXPECT_FALSE(CoordinatorMemory((named - 1) * kMiB, agent_limit).CheckFits(spec, kInBands).ok());
+  }
+}
+
+// Symptom: a picture of 16 samples was drawn in many bands to find what is visible, though these
+// have one sample.
+TEST(CoordinatorMemoryTest, ADrawingOfOneSampleHasFewBandsWithinWhatTheFrameHasTaken) {
+  const base::Cancellation never;
+  for (const std::size_t limit_mib : {std::size_t{96}, std::size_t{160}, std::size_t{2048}}) {
+    for (const view::Viewport& size : {view::Viewport{900, 800}, {2000, 1500}, {500, 6000}}) {
+      CoordinatorMemory memory(limit_mib * kMiB);
+      frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
+      frame::FrameSpec values = spec;
+      values.output.image_format = frame::ImageFormat::kNone;
+      spec.effects.samples_per_side = 4;
+      spec.effects.ambient_occlusion = frame::AmbientOcclusion();
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto taken, memory.ReserveFrame(spec, kInBands, never));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BandGrid bands, memory.PlanFrame(spec, kInBands, {}));
+      const std::size_t third = DrawnPixels(values) / 3;
+      for (const std::size_t most : {std::size_t{0}, third}) {
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            const BandGrid of_values,
+            memory.PlanDrawing(values, spec, kInBands, {.max_drawn_pixels = most}));
+        const std::string name =
+            absl::StrCat(limit_mib, " MiB, ", size.width_px, " pixels wide, ", most);
+        const bool is_whole = of_values.count() == 1;
+        EXPECT_LE(is_whole ? FrameBytes(values, Delivery::kParts)
+                           : BandedBytesOf(values, of_values.band(), Delivery::kParts).most(),
+                  memory.frame_bytes())
+            << name;
+        if (most > 0) {
+          EXPECT_LE(DrawnPixels(BandInTheMiddle(values, of_values.band())), most) << name;
+        } else if (bands.count() > 1) {
+          EXPECT_LT(of_values.count(), bands.count()) << name;
+        } else {
+          EXPECT_TRUE(is_whole) << name;
+        }
+      }
+    }
+  }
 }
 
 TEST(CoordinatorMemoryTest, BandsGetSmallerForAgentsElsewhereAndForSetsOfManyBlocks) {
