@@ -301,15 +301,23 @@ shown.addEventListener('status', (event) => {
   pillChanged();
 });
 let isMoving = false;
+let restTimer = 0;
+/** Whether the picture follows something: what is drawn at rest moves no more. */
+const moves = () => isMoving || series.isPlaying;
 shown.addEventListener('state', (event) => {
   ({ isMoving } = /** @type {CustomEvent} */ (event).detail);
+  clearTimeout(restTimer);
+  restTimer = window.setTimeout(() => {
+    isMoving = false;
+    pillChanged();
+  }, 500);
   pillChanged();
 });
 const quietPill = quietly(drawPill);
 let pillKind = '';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
-  const kind = !shown.loop.connection.isOpen ? 'closed' : !shown.isExact ? isMoving ? 'moving' : 'drawing' : shown.isScaled ? 'scaled' : 'exact';
+  const kind = !shown.loop.connection.isOpen ? 'closed' : !shown.isExact ? moves() ? 'moving' : 'drawing' : shown.isScaled ? 'scaled' : 'exact';
   if (kind !== pillKind) {
     pillKind = kind;
     drawPill();
@@ -325,7 +333,7 @@ function drawPill() {
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
-    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : isMoving ? `moving${rate}${latency}` : 'drawing …';
+    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}` : 'drawing …';
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {
     label.textContent = text;
