@@ -333,7 +333,7 @@ function drawPill() {
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
-    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}` : 'drawing …';
+    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}` : `drawing${latency || ' …'}`;
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {
     label.textContent = text;
