@@ -138,6 +138,11 @@ absl::StatusOr<LevelFilter> LevelFilterFromName(absl::string_view name) {
       absl::StrCat("level filter \"", name, "\": expected mean or majority"));
 }
 
+bool CanFilter(LevelFilter filter, ScalarType type) {
+  return filter == LevelFilter::kMean ||
+         (type != ScalarType::kFloat32 && type != ScalarType::kFloat64);
+}
+
 math::Index3 LevelDims(const math::Index3& sample_dims, int level) {
   return {sample_dims.x >> level, sample_dims.y >> level, sample_dims.z >> level};
 }

@@ -37,6 +37,9 @@ absl::string_view NameOf(LevelFilter filter);
 // INVALID_ARGUMENT, listing the names, if there is none.
 absl::StatusOr<LevelFilter> LevelFilterFromName(absl::string_view name);
 
+// False for majorities of floats.
+bool CanFilter(LevelFilter filter, ScalarType type);
+
 // What a level is, whether it was written or not.
 struct VolumeLevel {
   int index = 0;      // 0: the samples themselves
@@ -68,7 +71,7 @@ ScalarType LevelType(ScalarType type, LevelFilter filter);
 double LevelValueScale(ScalarType type, LevelFilter filter);
 
 // Returns level `level` of the volume `grid` of samples of `type`.
-// REQUIRES: 0 <= level <= HighestLevel(grid.sample_dims); an integer type for kMajority.
+// REQUIRES: 0 <= level <= HighestLevel(grid.sample_dims); CanFilter(filter, type).
 VolumeLevel LevelOf(const GridGeometry& grid, ScalarType type, LevelFilter filter, int level);
 
 // Makes a row of a level from four rows of the level before.
@@ -77,7 +80,7 @@ VolumeLevel LevelOf(const GridGeometry& grid, ScalarType type, LevelFilter filte
 // out:   count samples of `out_type`; must not overlap the rows; any alignment
 //
 // out_type: LevelType(type, filter) if the rows are level 0's; else `type`
-// REQUIRES: count >= 0; an integer type for kMajority.
+// REQUIRES: CanFilter(filter, type).
 void ReduceRows(ScalarType type, ScalarType out_type, LevelFilter filter,
                 const std::array<const char*, 4>& rows, std::size_t count, char* out);
 
