@@ -109,6 +109,12 @@ PartitionOptions WithManifestMemory(PartitionOptions options, std::size_t volume
   return options;
 }
 
+// Appended volumes get the levels of those before.
+PartitionOptions WithLevelsOf(const store::SeriesManifest& series, PartitionOptions options) {
+  options.levels = {.highest = series.highest_level()};
+  return options;
+}
+
 absl::Status WriteManifests(const std::string& directory, const store::SeriesManifest& series) {
   for (int shard = 0; shard < series.shard_count; ++shard) {
     ISOSCOPE_RETURN_IF_ERROR(store::WriteSeriesManifest(
@@ -240,7 +246,9 @@ absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& sourc
   ISOSCOPE_RETURN_IF_ERROR(CheckGrids(source, tasks, series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(PrepareFolder(options.resumes, series.shard_count, folder.get()));
   ISOSCOPE_RETURN_IF_ERROR(WriteVolumes(
-      source, tasks, WithManifestMemory(options.volume, series.volumes.size() + tasks.size()),
+      source, tasks,
+      WithLevelsOf(before,
+                   WithManifestMemory(options.volume, series.volumes.size() + tasks.size())),
       folder.get(), &series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(folder->RemoveOtherVolumes(KeysOf(tasks)));
   ISOSCOPE_RETURN_IF_ERROR(store::WriteSeriesManifest(folder->path(), series, -1));

@@ -23,7 +23,6 @@
 #include "core/io/file.h"
 #include "core/partition/dataset_verifier.h"
 #include "core/store/manifest.h"
-#include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::partition {
@@ -239,6 +238,8 @@ absl::StatusOr<store::ScalarVolume> SeriesWorkFolder::Describe(
   volume.value_range = manifest.value_range;
   volume.finite_range = manifest.finite_range;
   volume.max_gradient_magnitude = manifest.max_gradient_magnitude;
+  volume.highest_level = manifest.highest_level();
+  volume.level_filter = manifest.level_filter;
   return volume;
 }
 
