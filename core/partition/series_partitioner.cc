@@ -43,7 +43,6 @@
 namespace isoscope::partition {
 namespace {
 
-constexpr absl::string_view kAppendFolderName = "append.partial";
 // Memory of one scalar volume in the manifest and its JSON, while it is written.
 constexpr std::int64_t kManifestBytesPerVolume = 2 * base::kKiB;
 

@@ -29,6 +29,9 @@
 
 namespace isoscope::partition {
 
+// Of a series: who holds it appends, or changes the manifests otherwise.
+inline constexpr absl::string_view kAppendFolderName = "append.partial";
+
 // Thread-compatible.
 class SeriesWorkFolder {
  public:
