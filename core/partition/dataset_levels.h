@@ -23,7 +23,7 @@ struct AddLevelsOptions {
   store::BlockEncoding compression = store::BlockEncoding::kRaw;  // of the levels
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
-  std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
+  std::function<void(const PartitionProgress&)> progress{};  // may be null; called from this thread
 };
 
 // Adds levels to a dataset of one volume or to all volumes of a series, whose shards are all there,
