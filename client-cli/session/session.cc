@@ -160,6 +160,9 @@ absl::StatusOr<CachedDataset> PrepareSource(const SessionFlags& flags, const Wan
                                             const Context& context) {
   partition::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
+  if (wanted == nullptr) {  // for who looks around; a single picture is made of the samples
+    options.levels.highest = partition::LevelOptions::kAuto;
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const ChosenVolumes chosen, ChooseOf(request, wanted));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::string key,
