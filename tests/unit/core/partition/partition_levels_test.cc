@@ -245,28 +245,5 @@ TEST_F(PartitionLevelsTest, ProgressCountsTheLevelsAndEndsAtTheTotal) {
   EXPECT_EQ(last.done_bytes, last.total_bytes);
 }
 
-TEST(PlanLevelsTest, ShardsBoundTheLevelsThatAutoMakes) {
-  volume::GridGeometry geometry;
-  geometry.sample_dims = {1024, 1024, 1024};
-  const auto highest = [&](int shard_count) {
-    return PlanLevels({.highest = LevelOptions::kAuto}, geometry, ScalarType::kUint16, {16, 16, 16},
-                      shard_count, false)
-        ->highest;
-  };
-  EXPECT_EQ(highest(1), 4);
-  EXPECT_EQ(highest(64), 4);  // 64^3 samples in 4^3 blocks
-  EXPECT_EQ(highest(65), 3);
-}
-
-TEST(PlanLevelsTest, BytesOfLevelsAreThoseOfTheirSamples) {
-  volume::GridGeometry geometry;
-  geometry.sample_dims = {9, 8, 7};
-  EXPECT_EQ(BytesOfLevels({.highest = 1}, geometry, ScalarType::kUint8), 2 * 4 * 4 * 3);
-  EXPECT_EQ(BytesOfLevels({.highest = 0}, geometry, ScalarType::kUint8), 0);
-  EXPECT_EQ(
-      BytesOfLevels({.highest = 1, .filter = LevelFilter::kMajority}, geometry, ScalarType::kUint8),
-      4 * 4 * 3);
-}
-
 }  // namespace
 }  // namespace isoscope::partition
