@@ -17,9 +17,7 @@
 #include "core/partition/dataset_levels.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <memory>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -82,26 +80,23 @@ absl::Status TakeLevelsAway(const std::string& directory) {
   return ReplaceLevels(directory, {}, volume::LevelFilter::kMean);
 }
 
-// Removes the folders of levels from `first` on, whether a manifest names them or not.
-absl::Status RemoveLevelFolders(const std::string& shard_directory, int first) {
-  std::error_code error;
-  std::vector<std::string> found;
-  for (std::filesystem::directory_iterator entry(shard_directory, error), end;
-       !error && entry != end; entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
-    int level = 0;
-    if (absl::StartsWith(name, kLevelPrefix) &&
-        absl::SimpleAtoi(name.substr(kLevelPrefix.size()), &level) && level >= first) {
-      found.push_back(entry->path().string());
-    }
-  }
-  if (error) {
-    return io::ErrnoToStatus(error.value(), "list", shard_directory);
-  }
-  for (const std::string& path : found) {
-    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
-  }
-  return absl::OkStatus();
+bool IsLevelFolder(const std::string& name) {
+  int level = 0;
+  return absl::StartsWith(name, kLevelPrefix) &&
+         absl::SimpleAtoi(name.substr(kLevelPrefix.size()), &level);
+}
+
+// A manifest that a process which was killed did not finish.
+bool IsPartialManifest(const std::string& name) {
+  return absl::StartsWith(name, absl::StrCat(store::kManifestFileName, ".partial-")) ||
+         absl::StartsWith(name, absl::StrCat(store::kSeriesShardFileName, ".partial-"));
+}
+
+// Takes the levels of a shard away, and what a process that was killed has left of some.
+absl::Status ClearShard(const std::string& shard_directory) {
+  ISOSCOPE_RETURN_IF_ERROR(TakeLevelsAway(shard_directory));
+  ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(shard_directory, IsPartialManifest));
+  return RemoveEntries(shard_directory, IsLevelFolder);
 }
 
 // Makes the levels of volumes.
@@ -121,13 +116,15 @@ class LevelAdder {
         const LevelPlan levels,
         PlanLevels(options_.levels, manifest.geometry, manifest.scalar_type, manifest.block_cells,
                    static_cast<int>(manifest.shards.size()), has_labels));
+    for (const std::string& shard : shards) {
+      ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(shard, IsPartialManifest));
+    }
     if (HaveAll(*samples)) {
       ISOSCOPE_RETURN_IF_ERROR(CheckWanted(manifest, levels));
       return manifest;
     }
     for (const std::string& shard : shards) {
-      ISOSCOPE_RETURN_IF_ERROR(TakeLevelsAway(shard));
-      ISOSCOPE_RETURN_IF_ERROR(RemoveLevelFolders(shard, 1));
+      ISOSCOPE_RETURN_IF_ERROR(ClearShard(shard));
     }
     manifest.levels.clear();
     manifest.level_filter = volume::LevelFilter::kMean;
@@ -155,7 +152,9 @@ class LevelAdder {
                                          const LevelPlan& levels) const {
     const bool has_filter =
         !options_.levels.filter.has_value() || manifest.level_filter == levels.filter;
-    if (has_filter && manifest.highest_level() == levels.highest) {
+    const bool has_levels = options_.levels.highest == LevelOptions::kAuto ||
+                            manifest.highest_level() == levels.highest;
+    if (has_filter && has_levels) {
       return absl::OkStatus();
     }
     return absl::AlreadyExistsError(absl::StrFormat(
@@ -326,8 +325,7 @@ absl::Status DropFromVolume(const std::vector<std::string>& shards,
   for (const std::string& shard : shards) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     if (!shard.empty() && io::PathExists(absl::StrCat(shard, "/", store::kManifestFileName))) {
-      ISOSCOPE_RETURN_IF_ERROR(TakeLevelsAway(shard));
-      ISOSCOPE_RETURN_IF_ERROR(RemoveLevelFolders(shard, 1));
+      ISOSCOPE_RETURN_IF_ERROR(ClearShard(shard));
     }
   }
   return absl::OkStatus();
@@ -365,10 +363,16 @@ absl::StatusOr<Locks> TakeLocks(const std::string& directory) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         locks.append, SeriesWorkFolder::Take(absl::StrCat(directory, "/", kAppendFolderName)));
     if (io::PathExists(absl::StrCat(locks.append->path(), "/", store::kManifestFileName))) {
-      return absl::FailedPreconditionError(absl::StrCat(
-          directory,
-          ": appending was interrupted at its end; `isoscope partition --append` again "
-          "first"));
+      return absl::FailedPreconditionError(
+          absl::StrCat(directory, ": appending was interrupted at its end; do it again first"));
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(directory, IsPartialManifest));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
+                            store::ShardDirectoriesOf(directory));
+  for (const std::string& shard : shards) {
+    if (!shard.empty()) {
+      ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(shard, IsPartialManifest));
     }
   }
   return locks;

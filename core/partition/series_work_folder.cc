@@ -40,7 +40,12 @@ std::string RecordOf(absl::string_view fingerprint, const store::ScalarVolume& v
   return absl::StrFormat("%s %08x", fingerprint, volume.manifest_crc32c);
 }
 
-// Removes the entries of a folder whose names are told.
+absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
+  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
+}
+
+}  // namespace
+
 absl::Status RemoveEntries(const std::string& path,
                            const std::function<bool(const std::string& name)>& is_told) {
   std::error_code error;
@@ -59,12 +64,6 @@ absl::Status RemoveEntries(const std::string& path,
   }
   return absl::OkStatus();
 }
-
-absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
-  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
-}
-
-}  // namespace
 
 absl::Status RemovePartialManifests(const std::string& directory, int shard_count) {
   const auto is_partial = [](const std::string& name) {
