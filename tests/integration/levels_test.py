@@ -85,9 +85,9 @@ class LevelsTest(unittest.TestCase):
 
   def test_any_memory_limit_and_threads_give_the_same(self):
     expected = files_below(self.partition('one', '--levels', '2'))
-    self.assertEqual(files_below(self.partition('two', '--levels', '2', '--memory-limit', '48MiB')), expected)
+    self.assertEqual(files_below(self.partition('two', '--levels', '2', '--memory-limit', '64MiB')), expected)
     again = self.partition('three')
-    isoscope('partition', '--add-levels', again, '--levels', '2', '--memory-limit', '48MiB')
+    isoscope('partition', '--add-levels', again, '--levels', '2', '--memory-limit', '64MiB')
     self.assertEqual(files_below(again), expected)
 
   def test_info_lists_levels_and_verify_reads_them(self):

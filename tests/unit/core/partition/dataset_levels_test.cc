@@ -124,16 +124,28 @@ TEST_F(DatasetLevelsTest, AnyMemoryLimitGivesTheSameBytes) {
   ISOSCOPE_ASSERT_OK(Run(v, options));
   options.levels = {};
   AddLevelsOptions adding{.levels = {.highest = 3}};
-  adding.memory_limit_bytes = 1;
   options.output_directory = dir_.Sub("least");
   ISOSCOPE_ASSERT_OK(Run(v, options));
-  const absl::StatusOr<int> refused = AddLevels(dir_.Sub("least"), adding, never_);
-  EXPECT_THAT(refused, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("needs ")));
-  for (const std::int64_t limit : {2 * base::kMiB, 5 * base::kMiB, base::kGiB}) {
+  // Bands of one row of blocks, and whole layers. A refusal says how much is needed.
+  int refusals = 0;
+  std::int64_t least = 1;
+  for (;; ++refusals) {
+    ASSERT_LT(refusals, 9);
+    adding.memory_limit_bytes = least;
+    const absl::StatusOr<int> added = AddLevels(dir_.Sub("least"), adding, never_);
+    if (added.ok()) {
+      break;
+    }
+    ASSERT_THAT(added, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("needs ")));
+    const std::string message(added.status().message());
+    least = std::stoll(message.substr(message.find("needs ") + 6));
+  }
+  EXPECT_GT(refusals, 0);
+  for (const std::int64_t limit : {least, 2 * least, base::kGiB}) {
+    ISOSCOPE_ASSERT_OK(DropLevels(dir_.Sub("least"), never_));
     adding.memory_limit_bytes = limit;
     ISOSCOPE_ASSERT_OK(AddLevels(dir_.Sub("least"), adding, never_).status());
     EXPECT_EQ(FilesOf("least"), FilesOf("expected")) << limit;
-    ISOSCOPE_ASSERT_OK(DropLevels(dir_.Sub("least"), never_));
   }
 }
 
