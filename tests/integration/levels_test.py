@@ -67,8 +67,8 @@ class LevelsTest(unittest.TestCase):
     isoscope('partition', self.volume, '--output', self.path(parent, 'd'), *CUT, *more)
     return self.path(parent, 'd')
 
-  def picture(self, dataset):
-    isoscope('render', dataset, *VIEW, '--output', self.path('p.png'))
+  def picture(self, dataset, *more):
+    isoscope('render', dataset, *VIEW, *more, '--output', self.path('p.png'))
     with open(self.path('p.png'), 'rb') as file:
       return file.read()
 
@@ -117,6 +117,27 @@ class LevelsTest(unittest.TestCase):
     done = isoscope('partition', self.volume, '--output', self.path('many'), *CUT, '--levels', '7', check=False)
     self.assertNotEqual(done.returncode, 0)
     self.assertIn('are possible', done.stderr)
+
+  def test_a_level_is_drawn_alike_from_any_cut_and_as_the_spacing_chooses_it(self):
+    dataset = self.partition('two', '--levels', '2')
+    whole = self.picture(dataset)
+    pictures = [self.picture(dataset, '--level', str(level)) for level in range(3)]
+    self.assertEqual(pictures[0], whole)
+    self.assertEqual(len(set(pictures)), 3)
+    self.assertEqual(self.picture(dataset, '--max-spacing', '0.001'), whole)
+    self.assertEqual(self.picture(dataset, '--max-spacing', '1000'), pictures[2])
+    isoscope('partition', self.volume, '--output', self.path('one'), '--block-cells', '8', '--levels', '2', '--quiet')
+    self.assertEqual([self.picture(self.path('one'), '--level', str(level)) for level in range(3)], pictures)
+
+  def test_a_level_that_is_missing_is_refused_and_a_choice_without_it_is_drawn(self):
+    dataset = self.partition('two', '--levels', '2')
+    first = self.picture(dataset, '--level', '1')
+    shutil.rmtree(os.path.join(dataset, 'shard-00001-of-00002', 'level_2'))
+    done = isoscope('render', dataset, *VIEW, '--level', '2', '--output', self.path('no.png'), check=False)
+    self.assertNotEqual(done.returncode, 0)
+    self.assertIn('level 2', done.stderr)
+    self.assertFalse(os.path.exists(self.path('no.png')))
+    self.assertEqual(self.picture(dataset, '--max-spacing', '1000'), first)
 
   def test_labels_get_their_most_frequent_values(self):
     dataset = self.partition('labels', '--levels', '1', '--label-levels')
@@ -177,6 +198,10 @@ class LevelsTest(unittest.TestCase):
     isoscope('partition', self.path('s1.nrrd'), '--time', '1', '--append', series, '--quiet')
     self.assertEqual([level['volume_count'] for level in levels_of(series)], [2])
     isoscope('verify', series)
+    for step in (0, 1):
+      alone = self.path(f'alone{step}')
+      isoscope('partition', self.path(f's{step}.nrrd'), '--output', alone, *CUT, '--levels', '1')
+      self.assertEqual(self.picture(series, '--step', str(step), '--level', '1'), self.picture(alone, '--level', '1'))
     self.assertEqual(sum(path.endswith('level_1/manifest.json') for path in files_below(series)), 4)
     isoscope('partition', '--drop-levels', series)
     self.assertEqual(levels_of(series), [])
