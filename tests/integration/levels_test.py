@@ -139,6 +139,22 @@ class LevelsTest(unittest.TestCase):
     self.assertFalse(os.path.exists(self.path('no.png')))
     self.assertEqual(self.picture(dataset, '--max-spacing', '1000'), first)
 
+  def test_info_tells_what_a_frame_of_each_level_costs(self):
+    def surfaces(dataset, *more):
+      return json.loads(isoscope('info', dataset, '--isovalue', '128', '--json', *more).stdout)['measures']['surfaces']
+
+    self.assertNotIn('levels', surfaces(self.partition('none'))[0])
+    dataset = self.partition('two', '--levels', '2')
+    levels = surfaces(dataset, '--isovalue', '100')[1]['levels']
+    self.assertEqual([level['level'] for level in levels], [0, 1, 2])
+    for finer, coarser in zip(levels, levels[1:]):
+      self.assertGreater(finer['triangle_count'], coarser['triangle_count'])
+      self.assertGreater(finer['active_block_count'], coarser['active_block_count'])
+      self.assertGreater(coarser['triangle_count'], 0)
+    self.assertIn('by level (render --level N)', isoscope('info', dataset, '--isovalue', '128').stdout)
+    labels = self.partition('labels', '--levels', '1', '--label-levels')
+    self.assertNotIn('levels', surfaces(labels)[0])
+
   def test_labels_get_their_most_frequent_values(self):
     dataset = self.partition('labels', '--levels', '1', '--label-levels')
     self.assertEqual([(level['filter'], level['sample_type']) for level in levels_of(dataset)], [('majority', 'uint8')])
