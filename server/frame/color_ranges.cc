@@ -225,7 +225,7 @@ frame::FrameSpec SpecOfValues(const frame::FrameSpec& spec) {
 absl::Status ResolveRanges(const FrameToRange& frame, AskedFrame* asked) {
   ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(frame.target->dataset->dataset,
                                                     frame.target->selected.at_step, &asked->spec));
-  ResolvePositions(frame.target->view.geometry(), &asked->spec);
+  ResolvePositions(frame.target->whole, &asked->spec);
   ISOSCOPE_RETURN_IF_ERROR(ResolvePercentiles(frame, asked));
   return ResolveVisible(frame, asked);
 }
