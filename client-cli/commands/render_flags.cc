@@ -121,7 +121,7 @@ int LongerSide(const view::Viewport& size) { return std::max(size.width_px, size
 
 // The strips of a poster are encoded in the process that draws them, which --memory-limit bounds.
 std::int64_t MaxStripBytes(const SessionFlags& session) {
-  constexpr std::int64_t kStripShare = 24;  // of the limit, with its copies an eighth
+  constexpr std::int64_t kStripShare = 48;  // of the limit, with its copies a sixteenth
   return session.memory_limit_bytes.has_value()
              ? std::clamp(*session.memory_limit_bytes / kStripShare, std::int64_t{1},
                           client::kMaxStripBytes)

@@ -7,7 +7,7 @@ import { byId, make } from './elements.js';
 /** @type {[string, [string, string][]][]} */
 const MOVES = [
   ['Mouse', [['drag', 'turn'], ['Shift or right button and drag', 'move'], ['wheel; Ctrl and drag', 'zoom'],
-    ['click', 'pick a point; two have a distance'], ['double-click', 'bring the point to the middle']]],
+    ['click', 'pick a point'], ['another click', 'measure the distance'], ['double-click', 'bring the point to the middle']]],
   ['Touch', [['one finger', 'turn'], ['two fingers', 'move, zoom and roll'], ['tap', 'pick a point']]],
   ['Keys', [['arrows', 'turn by 5°'], ['Shift and arrows', 'move'], ['+ −', 'zoom'], [', .', 'roll'], ['0', 'fit, from here'], ['Home', 'the first look'],
     ['1 … 6', 'look from a side'], ['p', 'parallel projection'], ['b', 'box around the volume'],

@@ -6,13 +6,16 @@ import { MAX_SURFACES, asShown, isOfLabels } from './label-sets.js';
 import { say } from './messages.js';
 import { change, client, finiteRangeOf, redraw, shown } from './page-view.js';
 import { histogramWords } from './series.js';
-import { PALETTE, format, fromHex, nextColor, rangesOfChart, tidy, toHex } from './values.js';
+import { PALETTE, format, formatIn, fromHex, nextColor, rangesOfChart, tidy, toHex } from './values.js';
 
 // ---- counts ----
 
 /** @type {any} */
 let histogram = null;
 let histogramOf = '';
+
+/** Whether the pointer is on the chart, and the line below tells what is under it. */
+let isHovered = false;
 
 /** @param {any} dataset @param {any} selection */
 export function suggestedIsovalue(dataset, selection) {
@@ -35,7 +38,7 @@ function tidyIsovalue(isovalue, { min, max }) {
 export const suggestedLabels = () => histogram?.suggestedLabels ?? [];
 
 function chartHint() {
-  return !histogram ? '' : histogram.hasSampleCounts ? 'Drag a line; double-click adds a surface.'
+  return !histogram ? '' : histogram.hasSampleCounts ? `${levelsNow().length > 0 ? 'Drag a line; double-click' : 'Double-click'} adds a surface.`
     : 'Active blocks by isovalue: partition this dataset anew to count its samples.';
 }
 
@@ -82,7 +85,7 @@ export function followHistogram(isPlaying) {
 
 // ---- chart ----
 
-const CHART = { width: 294, height: 132, left: 6, right: 6, top: 16, bottom: 18 };
+const CHART = { width: 294, height: 132, left: 8, right: 8, top: 16, bottom: 20 };
 
 // A field has its range over all steps, so that a surface's line stands still during play.
 const chartRanges = () => rangesOfChart((shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [],
@@ -127,16 +130,20 @@ export function drawHistogram() {
   path += `V${floor}Z`;
   const parts = [svg('path', { class: 'area', d: path })];
   for (const [value, anchor] of /** @type {[number, string][]} */ ([[min, 'start'], [(min + max) / 2, 'middle'], [max, 'end']]).slice(0, max > min ? 3 : 1)) {
-    parts.push(svg('text', { class: 'tick', x: toChart(value), y: CHART.height - 5, 'text-anchor': anchor }, format(value)));
+    parts.push(svg('text', { class: 'tick', x: toChart(value), y: CHART.height - 5, 'text-anchor': anchor }, formatIn(value, { min, max })));
   }
-  for (const suggestion of histogram?.suggestions ?? []) {
+  const levels = levelsNow();
+  // Labels alone have no line to drag there.
+  for (const suggestion of levels.length > 0 ? histogram?.suggestions ?? [] : []) {
     const x = toChart(suggestion.isovalue ?? 0);
     parts.push(svg('path', { class: 'suggestion', d: `M${x - 4},${floor + 5}h8l-4,-5z` }, svg('title', {},
       `Suggested: ${format(suggestion.isovalue ?? 0, 4)}`)));
   }
   page.histogram.setAttribute('viewBox', `0 0 ${CHART.width} ${CHART.height}`);
   page.chart.replaceChildren(...parts);
-  const levels = levelsNow();
+  if (!isHovered && histogram) {
+    page.hover.textContent = chartHint();
+  }
   // A focused handle must not be replaced: screen readers would read it again.
   if (page.handles.children.length !== levels.length) {
     page.handles.replaceChildren(...levels.map((_, i) => svg('g', { class: 'handle', tabindex: 0, role: 'slider', 'aria-label': `Isovalue ${i + 1}`,
@@ -146,7 +153,8 @@ export function drawHistogram() {
     const handle = page.handles.children[i];
     handle.setAttribute('data-surface', String(index));
     const [line, circle] = handle.children;
-    const x = String(toChart(isovalue));
+    handle.classList.toggle('beyond', isovalue < edges.min || isovalue > edges.max);
+    const x = String(Math.max(CHART.left, Math.min(CHART.width - CHART.right, toChart(isovalue))));
     const paint = toHex(color ?? fromHex(PALETTE[0]));
     for (const [element, name, value] of /** @type {[Element, string, string][]} */ ([[line, 'x1', x], [line, 'x2', x],
       [line, 'stroke', paint], [circle, 'cx', x], [circle, 'fill', paint]])) {
@@ -213,6 +221,7 @@ export function listenToHistogram() {
     }
   });
   chart.addEventListener('pointermove', (event) => {
+    isHovered = true;
     const value = fromChart(x(event));
     if (dragged >= 0) {
       changeSurface(dragged, { isovalue: value }, true);
@@ -229,7 +238,7 @@ export function listenToHistogram() {
   };
   chart.addEventListener('pointerup', end);
   chart.addEventListener('pointercancel', end);
-  chart.addEventListener('pointerleave', () => { page.hover.textContent = chartHint() || page.hover.textContent; });
+  chart.addEventListener('pointerleave', () => { isHovered = false; page.hover.textContent = chartHint() || page.hover.textContent; });
   chart.addEventListener('dblclick', (event) => addSurface(fromChart(x(event))));
   chart.addEventListener('keydown', (event) => {
     const index = Number(/** @type {Element} */ (event.target).getAttribute('data-surface') ?? NaN);

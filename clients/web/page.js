@@ -23,12 +23,13 @@ import { allLabels, withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook, takeNotes } from './look.js';
 import { announcer, say } from './messages.js';
+import { listenToMore } from './more.js';
 import { client, drawControlsBy, hasColors, redraw, shown, start, stateOfAddress, takeTokenAgain, theme } from './page-view.js';
 import { clearPoints, drawPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
 import { listenToUndo } from './undo-controls.js';
-import { BACKGROUNDS, PALETTE, format, fromHex, paintedApart } from './values.js';
+import { BACKGROUNDS, PALETTE, format, formatIn, fromHex, paintedApart } from './values.js';
 import { asksFirstLook, stateToHash, stateToLink, withFirstLook, withMaterialOf } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
@@ -94,7 +95,8 @@ function factsOf(dataset) {
   const { field, component } = choiceOf(dataset, shown.state.selection) ?? { field: {}, component: dataset };
   const type = (component.sampleType ?? '').replace('SAMPLE_TYPE_', '').toLowerCase();
   const { valueRange: ends } = component;
-  const range = ends ? ` · ${format(Number(ends.min ?? 0))} to ${format(Number(ends.max ?? 0))}${field.unit ? ` ${field.unit}` : ''}` : '';
+  const [min, max] = [Number(ends?.min ?? 0), Number(ends?.max ?? 0)];
+  const range = ends ? ` · ${formatIn(min, { min, max })} to ${formatIn(max, { min, max })}${field.unit ? ` ${field.unit}` : ''}` : '';
   return `${dims.x} × ${dims.y} × ${dims.z} ${type}${range}`;
 }
 
@@ -298,12 +300,24 @@ shown.addEventListener('status', (event) => {
   }
   pillChanged();
 });
-shown.addEventListener('state', () => pillChanged());
+let isMoving = false;
+let restTimer = 0;
+/** Whether the picture follows something: what is drawn at rest moves no more. */
+const moves = () => isMoving || series.isPlaying;
+shown.addEventListener('state', (event) => {
+  ({ isMoving } = /** @type {CustomEvent} */ (event).detail);
+  clearTimeout(restTimer);
+  restTimer = window.setTimeout(() => {
+    isMoving = false;
+    pillChanged();
+  }, 500);
+  pillChanged();
+});
 const quietPill = quietly(drawPill);
 let pillKind = '';
 /** Exact are only the pixels of the server, of all samples. */
-const kindOfPicture = (/** @type {boolean} */ isConnected) => !isConnected ? 'closed' : !shown.isExact ? 'moving'
-  : shown.level > 0 ? 'coarse' : shown.isScaled ? 'scaled' : 'exact';
+const kindOfPicture = (/** @type {boolean} */ isConnected) => !isConnected ? 'closed'
+  : !shown.isExact ? moves() ? 'moving' : 'drawing' : shown.level > 0 ? 'coarse' : shown.isScaled ? 'scaled' : 'exact';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
   const kind = kindOfPicture(shown.loop.connection.isOpen);
@@ -317,12 +331,12 @@ function pillChanged() {
 function drawPill() {
   const stats = shown.stats();
   const kind = kindOfPicture(stats.isConnected);
-  page.state.className = `pill ${kind}`;
+  page.state.className = `pill ${kind === 'drawing' ? 'moving' : kind}`;
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
     : kind === 'coarse' ? `${shown.levelText} · ${stats.width} × ${stats.height}`
-    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : `moving${rate}${latency}`;
+    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}` : 'drawing …';
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {
     label.textContent = text;
@@ -339,6 +353,7 @@ listenToPoints(series);
 listenToDownloads(series);
 loadDatasets();
 listenToHelp();
+listenToMore();
 listenToUndo((state) => {
   series.rest();
   if (state.dataset === shown.state.dataset) {

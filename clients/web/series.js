@@ -314,7 +314,11 @@ export class SeriesControls {
     elements.step.max = String(Math.max(0, steps.length - 1));
     elements.step.value = String(Math.max(0, at));
     elements.step.setAttribute('aria-valuetext', text);
-    elements.time.textContent = text;
+    const [value, ...which] = text.split(' · ');
+    const rest = document.createElement('span');
+    rest.className = 'which';
+    rest.textContent = which.map((word) => ` · ${word}`).join('');
+    elements.time.replaceChildren(value, rest);
     elements.back.disabled = at <= 0;
     elements.on.disabled = at >= steps.length - 1;
     const name = this.isPlaying ? 'Pause' : 'Play';

@@ -10,6 +10,11 @@ export const digitsAt = (value, size) => Math.max(5, Math.min(15, Math.ceil(Math
 // A coordinate; `size` is that of the volume, above 0.
 /** @param {number} value @param {number} size */
 export const formatAt = (value, size) => format(value, digitsAt(value, size));
+/**
+ * A value among others, with the digits that their range can tell apart; whole numbers are whole.
+ * @param {number} value @param {{min: number, max: number}} range
+ */
+export const formatIn = (value, { min, max }) => format(Number.isInteger(value) ? value : tidy(value, max - min));
 /** @param {number} bytes */
 export function formatBytes(bytes) {
   const power = Math.min(4, Math.floor(Math.log2(Math.max(bytes, 1)) / 10));
@@ -25,8 +30,8 @@ export const fromHex = (hex, alpha = 1) => {
   const channel = (at) => Math.round(parseInt(hex.slice(at, at + 2), 16) / 255 * 1e4) / 1e4;
   return { red: channel(1), green: channel(3), blue: channel(5), alpha };
 };
-/** Of surfaces of isovalues, in this order: bone, then colours that colour-blind people tell apart (Okabe and Ito 2008). */
-export const PALETTE = ['#dcc8b4', '#56b4e9', '#d55e00', '#009e73', '#cc79a7', '#f0e442', '#0072b2', '#e69f00'];
+/** Of surfaces of isovalues, in this order: the server's own, then colours that colour-blind people tell apart (Okabe and Ito 2008). */
+export const PALETTE = ['#ded1be', '#56b4e9', '#d55e00', '#009e73', '#cc79a7', '#f0e442', '#0072b2', '#e69f00'];
 
 /**
  * The first colour of the row that none of these has; once all are used, it begins anew.
@@ -46,7 +51,7 @@ export function paintedApart(surfaces) {
     }
     const color = nextColor(used);
     used.push(color);
-    // The first of the row is about the server's own.
+    // The first of the row is the server's own.
     return color === PALETTE[0] ? surface : { ...surface, color: fromHex(color) };
   });
 }
@@ -62,7 +67,8 @@ export function tidy(value, span, digits = 4) {
     return Number(value.toPrecision(digits));
   }
   const step = 10 ** -decimals;
-  return decimals >= 0 ? Number(value.toFixed(decimals)) : Math.round(value / step) * step;
+  // No zero is negative.
+  return (decimals >= 0 ? Number(value.toFixed(decimals)) : Math.round(value / step) * step) + 0;
 }
 
 /**

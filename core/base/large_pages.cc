@@ -9,8 +9,10 @@
 namespace isoscope::base {
 namespace {
 
+constexpr std::size_t kSmallPageBytes = 4096;  // or a part of one, to which the kernel rounds up
+
 std::size_t WholePages(std::size_t bytes) {
-  return (bytes + kLargePageBytes - 1) / kLargePageBytes * kLargePageBytes;
+  return (bytes + kSmallPageBytes - 1) / kSmallPageBytes * kSmallPageBytes;
 }
 
 }  // namespace
@@ -30,7 +32,8 @@ void* MapLargePages(std::size_t bytes) {
     ::munmap(begin, head);
   }
   ::munmap(begin + head + size, kLargePageBytes - head);
-  ::madvise(begin + head, size, MADV_HUGEPAGE);  // advice: small pages work as well
+  // Advice: small pages work as well. The rest has small ones, so that it takes no more than it is.
+  ::madvise(begin + head, size / kLargePageBytes * kLargePageBytes, MADV_HUGEPAGE);
   return begin + head;
 }
 

@@ -12,9 +12,9 @@ namespace isoscope::base {
 
 inline constexpr std::size_t kLargePageBytes = std::size_t{2} << 20;
 
-// Maps `bytes` of zeroed memory, rounded up to whole large pages. Null if it fails. Thread-safe.
+// Maps `bytes` of zeroed memory; a rest below a large page has small ones. Null if it fails.
 void* MapLargePages(std::size_t bytes);
-// Gives the memory back to the system. `bytes`: as in MapLargePages.
+// Gives the memory back to the system. `bytes`: as in MapLargePages. Both are thread-safe.
 void UnmapLargePages(void* memory, std::size_t bytes);
 
 // Allocates less than a large page as std::allocator does, and maps anything larger. malloc would

@@ -10,9 +10,8 @@
 // Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share,
 // because the end of one band overlaps with the begin of the next: allocators return memory late.
 // The same 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
-// Beside agents of this process a band takes at most half, and a twelfth of the limit. An answer in
-// parts counts as a whole one, because the client of this process joins the parts. The answer leaves
-// an eighth of the limit to the images that the agents keep.
+// Beside agents of this process, answer and bands have 5/8 of the limit less 64 MiB: the agents have
+// 1/4 for a step and keep 1/8 as images, and the program and its libraries are some 64 MiB.
 // Planes and raw pictures lie beside the agents, and a client of this process may still hold the
 // last ones. So agents get bands as if the limit were smaller by both, unless none fits then.
 //
@@ -56,17 +55,20 @@ constexpr std::size_t kFrameShare = 16;       // 9 of 16
 constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of eight agents
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
-// Shares beside agents of the same process: a band, and what an answer leaves.
-constexpr std::size_t kBandShareBesideAgents = 12;
-constexpr std::size_t kAgentImageShare = 8;
+constexpr std::size_t kProgramBytes = 64 * base::kMiB;
 constexpr std::size_t kTraceShare = 8;  // of one frame, out of the frames' share
 constexpr std::size_t kMaxTraceBytes = 32 * base::kMiB;
 // The sets of blocks that a frame in bands has drawn, as far as its dataset is not known: those of
 // more than two million blocks.
 constexpr std::size_t kCountingBytes = base::kMiB;
-// The part of `bytes`, which are free, that a band takes.
-std::size_t BandShareOf(std::size_t bytes, std::size_t limit_bytes, bool has_agents) {
-  return has_agents ? std::min(bytes / 2, limit_bytes / kBandShareBesideAgents) : bytes / 4 * 3;
+// The share of what is free that a band takes.
+std::size_t BandShareOf(std::size_t bytes) { return bytes / 4 * 3; }
+
+// Bytes for the answer and the bands of a frame beside agents of the same process. An eighth lets
+// small pictures be drawn with the least limits.
+std::size_t BytesBesideAgents(std::size_t limit_bytes) {
+  const std::size_t left = limit_bytes / 8 * 5;
+  return std::max(left - std::min(left, kProgramBytes), limit_bytes / 8);
 }
 
 // The share of frames.
@@ -119,7 +121,7 @@ absl::StatusOr<std::size_t> BytesToReserve(const CoordinatorMemory& memory,
   ISOSCOPE_ASSIGN_OR_RETURN(const BandGrid bands, memory.PlanFrame(spec, wish, {}));
   return bands.count() == 1
              ? FrameBytes(spec, wish.delivery)
-             : memory.BytesInBands(spec, bands.band(), wish.delivery).most() + kCountingBytes;
+             : BandedBytesOf(spec, bands.band(), wish.delivery).most() + kCountingBytes;
 }
 
 double Mebibytes(std::size_t bytes) {
@@ -171,6 +173,11 @@ bool CoordinatorMemory::AgentsFitBand(const frame::FrameSpec& spec, const view::
   return AgentsFit(BandInTheMiddle(spec, {band.width_px, height}), limit_bytes);
 }
 
+std::size_t CoordinatorMemory::BandCapacity(std::size_t limit_bytes) const {
+  const std::size_t share = FrameCapacity(limit_bytes);
+  return agent_limit_ == nullptr ? share : std::min(share, BytesBesideAgents(limit_bytes));
+}
+
 std::size_t CoordinatorMemory::BytesForBands(const frame::FrameSpec& spec, std::size_t limit_bytes,
                                              const FrameWish& wish, const FrameNeeds& needs) const {
   if (FitsAtOnce(spec, limit_bytes, wish) && AgentsFit(spec, limit_bytes)) {
@@ -180,13 +187,8 @@ std::size_t CoordinatorMemory::BytesForBands(const frame::FrameSpec& spec, std::
   }
   const std::size_t besides =
       TraceBytesOf(limit_bytes, wish) + std::max(needs.counting_bytes, kCountingBytes);
-  const std::size_t capacity = FrameCapacity(limit_bytes);
+  const std::size_t capacity = BandCapacity(limit_bytes);
   return capacity - std::min(capacity, besides);
-}
-
-BandedBytes CoordinatorMemory::BytesInBands(const frame::FrameSpec& spec,
-                                            const view::Viewport& band, Delivery delivery) const {
-  return BandedBytesOf(spec, band, agent_limit_ == nullptr ? delivery : Delivery::kWhole);
 }
 
 bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
@@ -198,12 +200,9 @@ bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Vi
       !AgentsFitBand(spec, band, limit_bytes)) {
     return false;
   }
-  const bool has_agents = agent_limit_ != nullptr;
-  const std::size_t left = has_agents ? std::min(bytes, limit_bytes / kAgentImageShare) : 0;
-  const BandedBytes needed = BytesInBands(spec, band, delivery);
-  return needed.kept <= bytes &&
-         needed.band <= BandShareOf(bytes - needed.kept, limit_bytes, has_agents) &&
-         std::max(needed.encode, needed.send) <= bytes - left;
+  const BandedBytes needed = BandedBytesOf(spec, band, delivery);
+  return needed.kept <= bytes && needed.band <= BandShareOf(bytes - needed.kept) &&
+         std::max(needed.encode, needed.send) <= bytes;
 }
 
 absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& spec,
@@ -232,7 +231,7 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
       ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, spec, wish));
       const auto fits_taken = [&](const view::Viewport& band) {
         return fits_share(band) &&
-               BytesInBands(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
+               BandedBytesOf(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
       };
       if (const std::optional<BandGrid> within = BestBands(spec, fits_taken); within.has_value()) {
         bands = within;
@@ -295,7 +294,7 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
   const bool is_in_bands = MayBand(spec, wish);
   const std::size_t bytes =
       TraceBytesOf(limit_bytes_, wish) +
-      (is_in_bands ? BytesInBands(spec, SmallestBand(size), wish.delivery).most()
+      (is_in_bands ? BandedBytesOf(spec, SmallestBand(size), wish.delivery).most()
                    : FrameBytes(spec, wish.delivery));
   return absl::ResourceExhaustedError(absl::StrFormat(
       "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator%s; with its memory limit of "
@@ -304,7 +303,8 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
       "or raise %s--memory-limit to %.0fMiB",
       size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
       Mebibytes(bytes), is_in_bands ? ", also in bands" : "", Mebibytes(limit_bytes_),
-      Mebibytes(frames_.capacity_bytes()), samples > 1 ? ", or for fewer samples" : "",
+      Mebibytes(is_in_bands ? BandCapacity(limit_bytes_) : frames_.capacity_bytes()),
+      samples > 1 ? ", or for fewer samples" : "",
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
       wish.has_trace ? ", or for no trace" : "",
       agent_limit_ == nullptr ? "the coordinator's " : "",

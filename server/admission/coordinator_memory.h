@@ -77,9 +77,6 @@ class CoordinatorMemory {
   [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
                                                    const FrameWish& wish,
                                                    const FrameNeeds& needs) const;
-  // The bytes of a frame in bands, with those of a client in this process.
-  [[nodiscard]] BandedBytes BytesInBands(const frame::FrameSpec& spec, const view::Viewport& band,
-                                         Delivery delivery) const;
   // Returns the bands of another drawing of the same picture, such as one with one sample, within
   // what ReserveFrame has taken for the frame. The drawing is not sent, and takes no more than the
   // frame does. Errors as PlanFrame of the frame.
@@ -99,6 +96,8 @@ class CoordinatorMemory {
  private:
   [[nodiscard]] bool FitsAtOnce(const frame::FrameSpec& spec, std::size_t limit_bytes,
                                 const FrameWish& wish) const;
+  // The bytes for the answer and the bands of frames.
+  [[nodiscard]] std::size_t BandCapacity(std::size_t limit_bytes) const;
   // The bytes for the answer and the bands of a frame, without its trace and what counts blocks.
   [[nodiscard]] std::size_t BytesForBands(const frame::FrameSpec& spec, std::size_t limit_bytes,
                                           const FrameWish& wish, const FrameNeeds& needs) const;

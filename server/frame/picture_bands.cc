@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -59,16 +60,18 @@ absl::Status NamedForOpenGl(const absl::Status& error) {
                        "band of it: start them with --renderer cpu")};
 }
 
-// The smallest band was refused: a smaller picture is no help, which the agent can't know.
+// Smaller bands are no help, and neither is a smaller picture, which the agent can't know.
 absl::Status NamedForSmallestBand(const absl::Status& error, const frame::FrameSpec& spec,
-                                  const view::Viewport& band) {
+                                  const BandGrid& bands) {
   const BandCosts costs = BandCostsOf(spec);
-  return costs.advice.empty()
-             ? error
-             : absl::Status(
-                   error.code(),
-                   absl::StrCat(error.message(), "; that was the smallest band, ", band.width_px,
-                                " x ", band.height_px, " pixels", costs.text, ": ", costs.advice));
+  if (costs.advice.empty()) {
+    return error;
+  }
+  const std::string band = bands.count() == 1
+                               ? "bands of it are no help"
+                               : absl::StrCat("that was the smallest band, ", bands.band().width_px,
+                                              " x ", bands.band().height_px, " pixels");
+  return {error.code(), absl::StrCat(error.message(), "; ", band, costs.text, ": ", costs.advice)};
 }
 
 }  // namespace
@@ -148,12 +151,12 @@ absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const Drawing& drawing, const F
   const std::size_t refused = DrawnPixelsOf(BandInTheMiddle(drawing.spec, bands.band()));
   const std::size_t least = DrawnPixelsOf(BandInTheMiddle(drawing.spec, smallest));
   if (least >= refused) {
-    return bands.count() > 1 ? NamedForSmallestBand(error, drawing.spec, bands.band()) : error;
+    return NamedForSmallestBand(error, drawing.spec, bands);
   }
   needs->max_drawn_pixels = std::max(refused / 2, least);
   const absl::StatusOr<BandGrid> smaller = Plan(drawing, *needs);
   if (!smaller.ok()) {
-    return error;
+    return NamedForSmallestBand(error, drawing.spec, bands);
   }
   if (DrawnByOpenGl(target, drawing.spec)) {
     return NamedForOpenGl(error);

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import isoscope
-from isoscope import Caps, ColorBy, Surface, SurfaceWarning, _request
+from isoscope import Caps, ColorBy, Surface, SurfaceWarning, _request, _warn
 from isoscope._proto import isosurface_service_pb2 as pb
 
 SIZE = {"size": (96, 72)}
@@ -170,3 +170,12 @@ def test_servers_of_before_are_not_asked(dataset):
         request = pb.RenderIsosurfaceRequest()
         _request.ask_for_notes(request, capabilities)
         assert request.with_notes == expected
+
+
+def test_what_a_notebook_shows_warns_at_its_cell():
+    shown = {"__name__": "IPython.core.formatters", "_warn": _warn}
+    exec("def show():\n    _warn.warn_of_surface('no surface')", shown)
+    cell = compile("1\nshow()", "<cell>", "exec")
+    with pytest.warns(SurfaceWarning, match="no surface") as caught:
+        exec(cell, {"__name__": "__main__", "show": shown["show"]})
+    assert caught[0].filename == "<cell>" and caught[0].lineno == 2

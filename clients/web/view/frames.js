@@ -193,7 +193,7 @@ export class Frames {
     connection.acknowledge(message);
     if (sequence > this.#errorSequence || isExact) {
       notices.endWaiting();
-      notices.clear();
+      notices.framed(isExact);
     }
     this.#on.shown({ header, isExact, width, height, decodeMs: message.decodeMs,
       roundTripMs: sent ? message.receivedAt - sent.sentAt : null, latencyMs: statistics.shownLatencyMs });

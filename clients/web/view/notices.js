@@ -39,6 +39,8 @@ export class Announcer {
   }
 }
 
+const DRAWING = 'Drawing the picture …';
+
 /** The one sentence over the picture: a problem, or the thing that is waited for. */
 export class Notices {
   #element;
@@ -87,12 +89,24 @@ export class Notices {
     this.show(sentence, 'error');
   }
 
+  /**
+   * A frame is there: what was waited for is the exact one, and a wait that is told of lasts until then.
+   * @param {boolean} isExact
+   */
+  framed(isExact) {
+    if (!isExact && !this.#element.hidden && this.#element.classList.contains('busy')) {
+      this.show(DRAWING, 'busy');
+    } else {
+      this.clear();
+    }
+  }
+
   /** Tells after a second that a picture is awaited, and after ten that none comes; until `endWaiting`. */
   beginWaiting() {
     this.endWaiting();
     this.#timer = setTimeout(() => {
       if (this.#element.hidden) {
-        this.show('Drawing the picture …', 'busy');
+        this.show(DRAWING, 'busy');
       }
       this.#timer = setTimeout(() => {
         const sentence = 'No picture for 10 s. The first one of a large dataset can take long; if none comes, see the ' +

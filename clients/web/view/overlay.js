@@ -186,6 +186,9 @@ function drawAxes(context, scene) {
     const end = { x: center.x + arm * axis.x, y: center.y - arm * axis.y };
     drawLine(context, scene.halo, 5, [[center.x, center.y], [end.x, end.y]]);
     drawLine(context, axis.color, 2.5, [[center.x, center.y], [end.x, end.y]]);
+  }
+  // No line lies over a letter.
+  for (const axis of axes) {
     const reach = Math.hypot(axis.x, axis.y);
     const away = reach > 0.2 ? (arm * reach + 10) / reach : arm;
     drawLabel(context, axis.label, center.x + away * axis.x, center.y - away * axis.y, axis.color, scene.halo);

@@ -268,10 +268,10 @@ class NameTest(base.PageTest):
         self.open_and_wait()
         self.browser.find_element(By.ID, 'add').click()
         self.until('isoscope.view.isExact && isoscope.view.state.surfaces.length === 2')
-        self.assertEqual(['#dcc8b4', '#56b4e9'], self.colors())
+        self.assertEqual(['#ded1be', '#56b4e9'], self.colors())
         self.open_and_wait('#dataset=ball&isovalue=30,60,80')
         self.until('document.querySelectorAll("#surfaces li").length === 3')
-        self.assertEqual(['#dcc8b4', '#56b4e9', '#d55e00'], self.colors())
+        self.assertEqual(['#ded1be', '#56b4e9', '#d55e00'], self.colors())
 
     def colors(self):
         return self.js('return [...document.querySelectorAll("#surfaces input[type=color]")].map((one) => one.value)')
@@ -431,6 +431,68 @@ class PhoneTest(base.PageTest):
             self.browser.find_element(By.CSS_SELECTOR, '[data-view=anterior]').click()
             self.until(f'isoscope.view.isExact && isoscope.view.camera.eye[1] !== {eye[1]}')
             self.assertFalse(self.js('return document.documentElement.scrollWidth > 390'), 'the page is wider than the phone')
+
+
+class BarTest(base.PageTest):
+    # The buttons and menus of the bar that show and are not wholly within the window.
+    OUTSIDE = '''return [...document.querySelectorAll('.bar button, .bar select')].filter((one) => one.offsetParent !== null)
+        .map((one) => [one.id || one.textContent, one.getBoundingClientRect()])
+        .filter(([, box]) => box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight).map(([name]) => name);'''
+    SIZES = ((1300, 800), (1200, 800), (1024, 768), (900, 700), (768, 1024), (844, 390), (390, 844))
+
+    def test_no_button_of_the_bar_leaves_the_window(self):
+        for dataset in ('flow', 'patient'):
+            self.open_and_wait(f'#dataset={dataset}&surface=40')
+            self.until('document.querySelector("[data-view=fit]")')
+            for width, height in self.SIZES:
+                is_touch = min(width, height) == 390
+                with self.subTest(f'{dataset}, {width} x {height}'), size_of(self.browser, width, height, is_touch=is_touch):
+                    self.assertEqual([], self.js(self.OUTSIDE))
+                    for name in ('save', 'fold'):
+                        self.assertTrue(self.browser.find_element(By.ID, name).is_displayed(), name)
+                    if is_touch:
+                        self.assertFalse(self.browser.find_element(By.ID, 'link').is_displayed())
+                        self.browser.find_element(By.ID, 'more-open').click()
+                        for name in ('link', 'theme', 'help-open', 'undo'):
+                            self.assertTrue(self.browser.find_element(By.ID, name).is_displayed(), name)
+                        self.assertEqual([], self.js(self.OUTSIDE))
+                        self.browser.find_element(By.ID, 'more-open').click()
+
+    def test_on_a_phone_the_menu_closes_with_a_choice_and_with_escape(self):
+        with size_of(self.browser, 390, 844, is_touch=True):
+            self.open_and_wait('#dataset=ball&surface=40')
+            menu = self.browser.find_element(By.ID, 'more')
+            self.browser.find_element(By.ID, 'more-open').click()
+            self.browser.find_element(By.ID, 'theme').click()
+            self.assertFalse(menu.is_displayed())
+            self.browser.find_element(By.ID, 'more-open').click()
+            base.ActionChains(self.browser).send_keys(Keys.ESCAPE).perform()
+            self.assertFalse(menu.is_displayed())
+            self.assertLessEqual(self.js('return document.querySelector(".bar").offsetHeight'), 112, 'the bar has more than two lines')
+
+    def test_on_a_phone_the_time_bar_is_one_line_under_the_picture_and_free_of_sentences(self):
+        for width, height in ((390, 844), (844, 390)):
+            with self.subTest(f'{width} x {height}'), size_of(self.browser, width, height, is_touch=True):
+                self.open_and_wait('#dataset=flow&surface=40&step=1')
+                self.until('!document.getElementById("timeline").hidden')
+                self.browser.execute_script("const toast = document.getElementById('toast'); toast.hidden = false; toast.textContent = 'Copied.';")
+                view, bar, toast = self.js('''return ['view', 'timeline', 'toast'].map((id) => {
+                    const { left, top, right, bottom } = document.getElementById(id).getBoundingClientRect(); return [left, top, right, bottom]; })''')
+                self.assertGreaterEqual(bar[1], view[3] - 1)
+                self.assertLessEqual(bar[3] - bar[1], 60)
+                self.assertLessEqual(toast[3], bar[1])
+                self.assertEqual([], self.js('''const within = document.getElementById('timeline').getBoundingClientRect();
+                    return [...document.querySelectorAll('#timeline > *')].filter((one) => one.getBoundingClientRect().right > within.right).map((one) => one.id)'''))
+                self.assertGreaterEqual(self.js('return document.getElementById("step").offsetWidth'), 40)
+
+    def test_the_search_of_labels_looks_like_other_fields(self):
+        for is_touch in (False, True):
+            with self.subTest(is_touch=is_touch), size_of(self.browser, 390, 844, is_touch=is_touch):
+                self.open_and_wait('#dataset=organs&label=1')
+                self.until('!document.getElementById("labels").hidden')
+                search, text = self.js('''document.getElementById('label-search').hidden = false; return ['label-search', 'label-set'].map((id) => {
+                    const style = getComputedStyle(document.getElementById(id)); return [style.backgroundColor, style.borderRadius, style.color, style.minHeight]; })''')
+                self.assertEqual(text, search)
 
 
 class PixelTest(base.PageTest):

@@ -1,8 +1,9 @@
 // Numbers and colours as the page writes them.
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
-import { PALETTE, fromHex, isSameRange, nextColor, paintedApart, rangesOfChart, tidy, tidyRange, toHex, unitedRange, whyBeyond } from '../../../clients/web/values.js';
+import { PALETTE, formatIn, fromHex, isSameRange, nextColor, paintedApart, rangesOfChart, tidy, tidyRange, toHex, unitedRange, whyBeyond } from '../../../clients/web/values.js';
 
 test('suggested values have the digits that their range can tell apart, and no more', () => {
   for (const [value, span, text] of [[30.000000000004, 100, '30'], [87.49999999, 255, '87.5'], [127.4, 4095, '127'], [0.123456, 1, '0.123'],
@@ -68,4 +69,17 @@ test('an isovalue without a surface is seen by the range of all samples, of whic
   for (const [isovalue, range] of [[100, { max: 100 }], [0.1, { max: 100 }], [400, { max: 'Infinity' }], [-400, { min: '-Infinity', max: 1 }], [5, undefined]]) {
     assert.equal(whyBeyond(isovalue, range), '', `${isovalue} of ${JSON.stringify(range)}`);
   }
+});
+
+test('ticks have no senseless digits, and whole numbers stay whole', () => {
+  const range = { min: -19.999, max: -0.00012964 };
+  assert.deepEqual([range.min, -9.9996, range.max].map((value) => formatIn(value, range)), ['-20', '-10', '0']);
+  assert.deepEqual([0, 65535].map((value) => formatIn(value, { min: 0, max: 65535 })), ['0', '65,535']);
+  assert.equal(formatIn(0.1 + 0.2, { min: 0, max: 1 }), '0.3');
+});
+
+test('the first colour of the row is that of the server', () => {
+  const header = readFileSync(new URL('../../../core/frame/appearance.h', import.meta.url), 'utf8');
+  const [, red, green, blue] = /base_color\{(\d+), (\d+), (\d+), 255\}/.exec(header);
+  assert.equal(PALETTE[0], `#${[red, green, blue].map((one) => Number(one).toString(16).padStart(2, '0')).join('')}`);
 });

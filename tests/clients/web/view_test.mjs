@@ -268,10 +268,11 @@ test('lengths of scale bars are 1, 2 or 5 times a power of ten', () => {
   }
 });
 
-test('the page asks for all parts of the view at once', () => {
+test('the page asks for all modules at once', () => {
   const web = new URL('../../../clients/web/', import.meta.url);
-  const asked = [...readFileSync(new URL('index.html', web), 'utf8').matchAll(/<link rel="modulepreload" href="view\/(.+)">/g)].map((match) => match[1]);
-  assert.deepEqual(asked, readdirSync(new URL('view', web)).filter((name) => name !== 'types.js').sort());
+  const asked = [...readFileSync(new URL('index.html', web), 'utf8').matchAll(/<link rel="modulepreload" href="(.+)">/g)].map((match) => match[1]);
+  const modules = (/** @type {string} */ folder) => readdirSync(new URL(folder, web)).filter((name) => name.endsWith('.js')).sort();
+  assert.deepEqual(asked, [...modules('./').filter((name) => name !== 'page.js'), ...modules('view').filter((name) => name !== 'types.js').map((name) => `view/${name}`)]);
 });
 
 // ---- messages ----

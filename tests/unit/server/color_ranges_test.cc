@@ -200,11 +200,17 @@ TEST_F(ColorRangesTest, ASmallestBandThatIsRefusedSaysWhatMakesItLarge) {
   ISOSCOPE_EXPECT_OK(Render(request));
   request.set_samples(16);
   request.mutable_ambient_occlusion()->set_radius_px(56);
-  EXPECT_THAT(Render(request),
-              StatusIs(absl::StatusCode::kResourceExhausted,
-                       AllOf(HasSubstr("to 99MiB"), HasSubstr("that was the smallest band"),
-                             HasSubstr("16 samples and 64 pixels around it for effects: ask for "
-                                       "fewer samples, for a smaller ambient_occlusion"))));
+  for (const int times : {1, 3}) {
+    request.mutable_viewport()->set_width_px(times * kWidth);
+    request.mutable_viewport()->set_height_px(times * kHeight);
+    EXPECT_THAT(Render(request),
+                StatusIs(absl::StatusCode::kResourceExhausted,
+                         AllOf(HasSubstr("to 99MiB"),
+                               HasSubstr(times == 1 ? "bands of it are no help"
+                                                    : "that was the smallest band"),
+                               HasSubstr("16 samples and 64 pixels around it for effects: ask for "
+                                         "fewer samples, for a smaller ambient_occlusion"))));
+  }
 }
 
 }  // namespace

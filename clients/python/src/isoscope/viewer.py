@@ -48,7 +48,6 @@ _PANEL_WIDTH, _BAR_HEIGHT = 328, 48
 # Below this the page is that of a phone.
 _LEAST_WIDTH, _LEAST_HEIGHT = 780, 440
 # Where pictures have none of their own.
-_BLACK = {"red": 0, "green": 0, "blue": 0, "alpha": 1}
 
 
 @dataclass(frozen=True)
@@ -233,7 +232,7 @@ class View:
         width = max(self.size[0] + _PANEL_WIDTH, _LEAST_WIDTH)
         height = max(self.size[1] + _BAR_HEIGHT, _LEAST_HEIGHT)
         state = self._state()
-        state.setdefault("backgroundColor", _BLACK)
+        # Without a background of its own, the page has that of the notebook's theme.
         if not state.get("surfaces"):
             state["surfaces"] = [{"isovalue": state.pop("isovalue", 0)}]
         # JSON of a proto leaves zeros out.

@@ -48,6 +48,16 @@ TEST(LargePageVectorTest, WhatIsFreedGoesBackToTheSystemWhateverLiesBesideIt) {
   EXPECT_LT(ResidentBytes(), before + 4 * kCount * sizeof(std::uint64_t));
 }
 
+// Symptom: images a little above 2 MiB took 4, and a process exceeded its limit by them.
+TEST(LargePageVectorTest, TheRestOfTheLastLargePageIsNotResident) {
+  const std::size_t before = ResidentBytes();
+  std::vector<LargePageVector<char>> vectors;
+  for (int i = 0; i < 20; ++i) {
+    vectors.emplace_back(kLargePageBytes + 5, 'x');
+  }
+  EXPECT_LT(ResidentBytes(), before + vectors.size() * kLargePageBytes * 5 / 4);
+}
+
 TEST(LargePageVectorTest, MoreThanCanBeAddressedThrows) {
   LargePageAllocator<std::uint64_t> allocator;
   EXPECT_THROW(allocator.allocate(std::numeric_limits<std::size_t>::max() / 8), std::bad_alloc);
