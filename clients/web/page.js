@@ -315,9 +315,12 @@ shown.addEventListener('state', (event) => {
 });
 const quietPill = quietly(drawPill);
 let pillKind = '';
+/** Exact are only the pixels of the server, of all samples. */
+const kindOfPicture = (/** @type {boolean} */ isConnected) => !isConnected ? 'closed'
+  : !shown.isExact ? moves() ? 'moving' : 'drawing' : shown.level > 0 ? 'coarse' : shown.isScaled ? 'scaled' : 'exact';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
-  const kind = !shown.loop.connection.isOpen ? 'closed' : !shown.isExact ? moves() ? 'moving' : 'drawing' : shown.isScaled ? 'scaled' : 'exact';
+  const kind = kindOfPicture(shown.loop.connection.isOpen);
   if (kind !== pillKind) {
     pillKind = kind;
     drawPill();
@@ -327,12 +330,12 @@ function pillChanged() {
 }
 function drawPill() {
   const stats = shown.stats();
-  // Exact are only the pixels of the server.
-  const kind = !stats.isConnected ? 'closed' : !stats.isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact';
-  page.state.className = `pill ${kind}`;
+  const kind = kindOfPicture(stats.isConnected);
+  page.state.className = `pill ${kind === 'drawing' ? 'moving' : kind}`;
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
+    : kind === 'coarse' ? `${shown.levelText} · ${stats.width} × ${stats.height}`
     : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}` : `drawing${latency || ' …'}`;
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {

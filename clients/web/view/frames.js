@@ -178,7 +178,8 @@ export class Frames {
     const { width, height } = bitmap;
     if (camera) {
       const grid = gridOf(message) ?? this.#gridBefore(camera, sent?.scene ?? '');
-      picture.show(bitmap, { width, height, camera, grid, isExact, background: model.background });
+      picture.show(bitmap, { width, height, camera, grid, isExact, background: model.background,
+        drawnLevel: header.frame?.drawnLevel });
     } else {
       bitmap.close();
     }

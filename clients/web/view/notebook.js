@@ -75,7 +75,8 @@ export default {
     view.addEventListener('frame', (event) => {
       const { isExact } = /** @type {CustomEvent} */ (event).detail;
       const stats = view.stats();
-      pill.textContent = `${!isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact'} · ${stats.transport}`;
+      const kind = !isExact ? 'moving' : view.levelText || (stats.isScaled ? 'scaled' : 'exact');
+      pill.textContent = `${kind} · ${stats.transport}`;
       if (isExact) {
         const current = view.getState();
         last = JSON.stringify(current);

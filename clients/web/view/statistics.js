@@ -70,3 +70,13 @@ export class Statistics {
     };
   }
 }
+
+/**
+ * The level of a picture, for people: "level 2, 1 sample = 0.9 px"; '' if it has all samples.
+ * @param {import('./types.js').DrawnLevelJson | undefined} drawn
+ */
+export function levelText(drawn) {
+  const level = Number(drawn?.level ?? 0);
+  const spacing = Number(drawn?.maxSpacingPx ?? 0);
+  return level === 0 ? '' : `level ${level}${spacing > 0 ? `, 1 sample = ${Number(spacing.toPrecision(2))} px` : ''}`;
+}

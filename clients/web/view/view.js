@@ -7,6 +7,7 @@ import { Loop } from './loop.js';
 import { boxOfDataset, framedAgain, namedCamera } from './named-views.js';
 import { Pointer } from './pointer.js';
 import { Steering } from './steering.js';
+import { levelText } from './statistics.js';
 
 /** @typedef {import('./types.js').Vec3} Vec3 */
 /** @typedef {import('./types.js').Camera} Camera */
@@ -84,6 +85,16 @@ export class View extends EventTarget {
   /** Whether the picture has other pixels than the screen, which scales it. */
   get isScaled() {
     return this.loop.picture.frame !== null && !this.loop.picture.isWhole;
+  }
+
+  /** The level of the picture's samples, which is 0 unless the state chooses one: 0 is exact. */
+  get level() {
+    return Number(this.loop.picture.frame?.drawnLevel?.level ?? 0);
+  }
+
+  /** The level for people: "level 2, 1 sample = 0.9 px"; '' at level 0. */
+  get levelText() {
+    return levelText(this.loop.picture.frame?.drawnLevel);
   }
 
   /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
@@ -175,6 +186,7 @@ export class View extends EventTarget {
       ...statistics.summary(),
       isExact: this.isExact,
       isScaled: this.isScaled,
+      level: this.level,
       isConnected: connection.isOpen,
       transport: connection.name,
       renderer: picture.screen.name,
