@@ -4,6 +4,7 @@
 //   GetShardHistogram   counts by value, costs of isovalues, the label values of the samples
 //   GetActiveBox        one shard is enough, because each has the ranges of all blocks
 //   GetCellBox          the only one that reads on the threads of frames
+//   GetDepthBounds      any shard, too; the parts divide the volume's blocks, not its shards
 //   GetGradients        gradient, shard, values and label of picked points; a point is answered by
 //                       the shard that has its block
 //
@@ -21,8 +22,10 @@
 #include "partition-agent/shard/point_gradients.h"
 #include "partition-agent/shard/shard_histogram.h"
 #include "partition-agent/shard/shard_label_values.h"
+#include "partition-agent/supply/block_bounds.h"
 #include "partition-agent/supply/cell_box.h"
 #include "partition-agent/supply/point_values.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/frame_convert.h"
 #include "wire/histogram_convert.h"
 #include "wire/pick_convert.h"
@@ -199,6 +202,26 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
   ISOSCOPE_ASSIGN_OR_RETURN(const math::IndexBox cells,
                             CellBoxOfShards(found, rules, clip, resources, cancellation));
   *response = wire::ToProto(cells);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const v1::GetDepthBoundsRequest& request,
+                         const base::Cancellation& cancellation,
+                         v1::GetDepthBoundsResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const wire::DepthBoundsQuery query,
+                            wire::DepthBoundsQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
+                            shards.FindAny(request.dataset_id()));
+  const store::ShardReader& reader = *found->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*query.spec.camera, query.spec.viewport,
+                                             reader.manifest().geometry, query.spec.region));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const visibility::DepthBounds bounds,
+      BoundsOfPart(reader.layout(), reader.ranges(), view, query.spec,
+                   {query.part_index, query.part_count}, resources.arena, cancellation));
+  *response = wire::ToProto(bounds);
   return absl::OkStatus();
 }
 

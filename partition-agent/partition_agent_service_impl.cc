@@ -109,7 +109,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
       context, *request, executor, max_duration,
       [this, request, response](const base::Cancellation& cancellation,
                                 const base::TraceContext& /*identity*/) {
-        if constexpr (std::is_same_v<Request, v1::GetCellBoxRequest>) {
+        if constexpr (std::is_same_v<Request, v1::GetCellBoxRequest> ||
+                      std::is_same_v<Request, v1::GetDepthBoundsRequest>) {
           return agent_.damages.ForCaller(AnswerQuery(agent_.shards, agent_.Resources(nullptr),
                                                       *request, cancellation, response));
         } else {

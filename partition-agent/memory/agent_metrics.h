@@ -24,6 +24,7 @@ enum class AgentMethod {
   kGetActiveBox,
   kGetCellBox,
   kGetGradients,
+  kGetDepthBounds,
 };
 
 // Present values that other objects keep.
