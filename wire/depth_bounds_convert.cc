@@ -58,10 +58,10 @@ absl::StatusOr<DepthBoundsQuery> DepthBoundsQueryFromProto(
     return absl::InvalidArgumentError("frame.camera is not set: required");
   }
   const std::size_t pixels = BoundsPixelsOf(frame::ImageSizeOf(query.spec));
-  if (pixels > kMaxBoundsPixels) {
+  if (pixels > frame::kMaxBoundsPixels) {
     return absl::InvalidArgumentError(absl::StrCat("frame has a picture of ", pixels,
-                                                   " pixels: must be at most ", kMaxBoundsPixels,
-                                                   "; ask for a region"));
+                                                   " pixels: must be at most ",
+                                                   frame::kMaxBoundsPixels, "; ask for a region"));
   }
   query.part_index = request.part_index();
   query.part_count = request.part_count();

@@ -3,8 +3,6 @@
 #ifndef ISOSCOPE_WIRE_DEPTH_BOUNDS_CONVERT_H_
 #define ISOSCOPE_WIRE_DEPTH_BOUNDS_CONVERT_H_
 
-#include <cstddef>
-
 #include "absl/status/statusor.h"
 
 #include "core/frame/frame_spec.h"
@@ -14,8 +12,6 @@
 
 namespace isoscope::wire {
 
-// The most pixels of one question: 4 MiB of bounds.
-inline constexpr std::size_t kMaxBoundsPixels = std::size_t{1} << 19;
 // The most parts of the blocks.
 inline constexpr int kMaxBoundsParts = 65536;
 
@@ -26,8 +22,8 @@ struct DepthBoundsQuery {
   int part_count = 1;
 };
 
-// Checks the frame as that of BeginFrame, also for unknown fields. INVALID_ARGUMENT names the
-// field, its value and the allowed ones.
+// Checks the frame as that of BeginFrame, also for unknown fields, and that its picture has at most
+// frame::kMaxBoundsPixels. INVALID_ARGUMENT names the field, its value and the allowed ones.
 absl::StatusOr<DepthBoundsQuery> DepthBoundsQueryFromProto(
     const isoscope::internal::v1::GetDepthBoundsRequest& request);
 

@@ -16,9 +16,11 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/trace_context.h"
+#include "core/frame/frame_spec.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
 #include "core/view/clip_region.h"
+#include "core/visibility/depth_bounds.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/sample_histogram.h"
@@ -89,6 +91,16 @@ QueryOutcome<std::optional<math::IndexBox>> AskCellBox(const QueryTarget& target
                                                        const view::ClipRegion& clip,
                                                        const base::TraceContext& identity,
                                                        const base::Cancellation& cancellation);
+
+// Returns the bounds of depth in the picture of a frame, of blocks of missing shards, too. The agents
+// of the parts share the blocks; each of them could do any share, because every agent knows all
+// ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+//
+// spec: has a camera, and a picture of at most frame::kMaxBoundsPixels
+QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
+                                                     const frame::FrameSpec& spec,
+                                                     const base::TraceContext& identity,
+                                                     const base::Cancellation& cancellation);
 
 // A point of world space, and the block whose surface is seen there.
 struct ShownPoint {

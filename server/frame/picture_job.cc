@@ -1,5 +1,6 @@
 #include "server/frame/picture_job.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 
@@ -8,6 +9,7 @@
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
+#include "server/frame/agent_queries.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
@@ -98,6 +100,7 @@ void MoveInto(FrameOutput output, frame::ImageFormat format,
   response->set_surface_index(std::move(output.surface_index));
   response->set_position(std::move(output.position));
   response->set_normal(std::move(output.normal));
+  response->set_depth_bounds(std::move(output.depth_bounds));
 }
 
 }  // namespace
@@ -181,9 +184,12 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   parts_ = target.parts;
   ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));
   FrameOutput output;
-  ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
-  ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
-  ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+  if (asked_.spec.output.is_drawn()) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
+    ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
+    ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(FindBounds(target, &output));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
   ticket_->CountAnswer(output.size_bytes());
   FillResponse(target, std::move(output), response);
@@ -227,6 +233,33 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
     return absl::IsCancelled(notes.status()) ? notes.status() : absl::OkStatus();
   }
   notes_ = *std::move(notes);
+  return absl::OkStatus();
+}
+
+// All answers at a time have at most frame::kMaxBoundsPixels, for which FrameBytes counts.
+absl::Status PictureJob::FindBounds(const FrameTarget& target, FrameOutput* output) {
+  if (!asked_.spec.output.depth_bounds) {
+    return absl::OkStatus();
+  }
+  ReleaseImages();
+  const base::TraceScope trace(recorder(), "depth bounds");
+  const FrameIdentity identity = Identity();
+  const view::Region whole = target.view.region();
+  const auto width = static_cast<std::size_t>(whole.width_px);
+  output->depth_bounds.reserve(width * static_cast<std::size_t>(whole.height_px) *
+                               frame::kDepthBoundsBytes);
+  const int rows = std::max(static_cast<int>(frame::kMaxBoundsPixels / parts_.size() / width), 1);
+  frame::FrameSpec of_rows = asked_.spec;
+  for (int y = 0; y < whole.height_px; y += rows) {
+    of_rows.region =
+        view::Region{whole.x, whole.y + y, whole.width_px, std::min(rows, whole.height_px - y)};
+    const QueryOutcome<visibility::DepthBounds> outcome =
+        AskDepthBounds({target.dataset->dataset.dataset_id(), parts_}, of_rows, *identity.request,
+                       *identity.cancellation);
+    runner_.state().ReportQuery(*identity.request, outcome.report);
+    ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+    AppendBounds(*outcome.result, target.view, &output->depth_bounds);
+  }
   return absl::OkStatus();
 }
 

@@ -46,7 +46,8 @@ absl::Status CheckOutput(const v1::ViewState& state) {
     return absl::InvalidArgumentError(
         "frame.allow_partial is set: must be unset in a view state, whose pictures are complete");
   }
-  if (output.depth() || output.surface_index() || output.position() || output.normal()) {
+  if (output.depth() || output.surface_index() || output.position() || output.normal() ||
+      output.depth_bounds()) {
     return absl::InvalidArgumentError(
         "frame.output asks for a plane: a view state must not; ask RenderIsosurface for planes");
   }
