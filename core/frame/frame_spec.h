@@ -81,6 +81,9 @@ struct FrameSpec {
   // Whether pixels of surfaces that show values of vertices carry a step of the colour map
   // beside the normal (image/normal_and_step.h). Only with sends_normals.
   bool sends_map_steps = false;
+  // Level whose samples are drawn; the coordinator chooses it. Camera, clip planes and values are
+  // those of level 0 at every level.
+  int level = 0;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
