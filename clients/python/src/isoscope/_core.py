@@ -236,7 +236,7 @@ def render(
         culling: "depth" and "none" give the same bytes; "mask" is approximate.
         format: "png", "jpeg", "rgba" or "none".
         quality: of a JPEG, 1 to 100.
-        planes: planes to send along: "depth", "surface_index", "position", "normal".
+        planes: planes to send along: "depth", "surface_index", "position", "normal", "depth_bounds".
         allow_partial: draw what there is if some shards are not served; `frame.stats.missing_shards`
             says what is missing. Else that is an error.
         timeout: deadline in seconds; default: the client's.
