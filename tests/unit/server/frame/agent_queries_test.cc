@@ -3,14 +3,20 @@
 #include "server/frame/agent_queries.h"
 
 #include <atomic>
+#include <cmath>
+#include <functional>
 #include <string>
+#include <vector>
 
 #include "gtest/gtest.h"
 
+#include "core/base/coding.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/view/camera_fit.h"
+#include "core/visibility/depth_bounds.h"
 #include "tests/unit/server/fake_cluster.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
@@ -449,6 +455,89 @@ TEST_F(CellBoxQueriesTest, ABoxOutsideOfTheVolumeIsAnInternalError) {
   EXPECT_THAT(RenderedCamera(Request()),
               StatusIs(absl::StatusCode::kInternal,
                        AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
+}
+
+class DepthBoundsQueriesTest : public AgentQueriesTest {
+ protected:
+  DepthBoundsQueriesTest() {
+    for (const int i : {0, 1}) {
+      (i == 0 ? first_ : second_).on_depth_bounds =
+          [this, i](const internal::GetDepthBoundsRequest& asked, auto* response) {
+            const base::MutexLock lock(&mutex_);
+            asked_.push_back(asked);
+            if (fails_[i]) {
+              return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+            }
+            visibility::DepthBounds bounds(8, asked.frame().region().height_px());
+            // Part 0 has the first column, nearer than part 1, which has two.
+            const bool is_first = asked.part_index() == 0;
+            bounds.AddToRows({0, 0, is_first ? 1 : 2, 8}, is_first ? 0.25F : 0.5F, 0.75F, 0,
+                             bounds.height_px());
+            *response = wire::ToProto(bounds);
+            change_(response);
+            return grpc::Status::OK;
+          };
+    }
+  }
+  static v1::RenderIsosurfaceRequest Request() {
+    v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
+    request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_NONE);
+    request.mutable_output()->set_depth_bounds(true);
+    return request;
+  }
+
+  base::Mutex mutex_;
+  std::vector<internal::GetDepthBoundsRequest> asked_;
+  std::atomic<bool> fails_[2] = {false, false};
+  std::function<void(internal::GetDepthBoundsResponse*)> change_ = [](auto*) {};
+};
+
+TEST_F(DepthBoundsQueriesTest, ThePlaneIsTheLeastAndTheGreatestOfAllPartsAndNothingIsDrawn) {
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
+      ADD_FAILURE() << "nothing needs to be drawn";
+      return grpc::Status::CANCELLED;
+    };
+  }
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
+  EXPECT_EQ(asked_.size(), 2U);
+  for (const internal::GetDepthBoundsRequest& asked : asked_) {
+    EXPECT_EQ(asked.part_count(), 2);
+    EXPECT_TRUE(asked.frame().has_camera());
+    EXPECT_EQ(asked.frame().surfaces_size(), 1);
+  }
+  EXPECT_NE(asked_[0].part_index(), asked_[1].part_index());
+  const std::string& plane = response.depth_bounds();
+  ASSERT_EQ(plane.size(), std::size_t{8} * 8 * 8);
+  const auto at = [&](std::size_t pixel, std::size_t channel) {
+    return base::LoadLittleEndian<float>(plane.data() + 4 * (2 * pixel + channel));
+  };
+  for (std::size_t pixel = 0; pixel < 64; ++pixel) {
+    if (pixel % 8 >= 2) {
+      EXPECT_EQ(at(pixel, 0), INFINITY);
+      EXPECT_EQ(at(pixel, 1), INFINITY);
+    } else {
+      EXPECT_EQ(at(pixel, 1), at(0, 1));
+      EXPECT_LT(at(pixel, 0), at(pixel, 1));
+    }
+  }
+  EXPECT_LT(at(0, 0), at(1, 0)) << "a quarter against a half";
+}
+
+// All agents know all ranges: one that fails is replaced by one of another part.
+TEST_F(DepthBoundsQueriesTest, AnotherAgentAnswersForOneThatFails) {
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse expected, Render(Request()));
+  fails_[1] = true;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
+  EXPECT_TRUE(response.depth_bounds() == expected.depth_bounds());
+}
+
+TEST_F(DepthBoundsQueriesTest, AnAnswerThatCanNotBeRightIsAnInternalError) {
+  change_ = [](internal::GetDepthBoundsResponse* response) { response->clear_farthest(); };
+  Start();
+  EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal, HasSubstr("malformed")));
 }
 
 TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
