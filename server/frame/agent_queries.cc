@@ -29,6 +29,7 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/volume/block_set.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "rpc/grpc_status.h"
 #include "rpc/request_context.h"
@@ -487,6 +488,40 @@ QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
         ISOSCOPE_ASSIGN_OR_RETURN(const visibility::DepthBounds part,
                                   wire::DepthBoundsFromProto(answer, size));
         whole->UniteWith(part);
+        return absl::OkStatus();
+      });
+}
+
+QueryOutcome<std::int64_t> AskUnresolved(const QueryTarget& target, std::int64_t block_count,
+                                         int level, const volume::InsideRule& rule,
+                                         const base::TraceContext& identity,
+                                         const base::Cancellation& cancellation) {
+  using Response = internal::GetResolvedBlocksResponse;
+  auto questions = QuestionsToParts<internal::GetResolvedBlocksRequest, Response>(target);
+  for (auto& question : questions) {
+    question.request.set_level(static_cast<std::uint32_t>(level));
+    question.request.set_isovalue(rule.isovalue);
+    question.request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
+    question.may_hedge = false;  // it reads as much on every agent
+  }
+  volume::BlockSet resolved(block_count);
+  std::optional<std::int64_t> active;  // all agents know it
+  return Ask(
+      identity, cancellation, &Async::GetResolvedBlocks, std::move(questions), std::int64_t{0},
+      [&](std::size_t, const Response& answer, std::int64_t* unresolved) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> blocks,
+                                  wire::BlockListFromProto(answer.blocks(), block_count, "blocks"));
+        resolved.InsertAll(blocks);
+        const std::int64_t stated = answer.active_block_count();
+        const std::int64_t resolved_count = resolved.Count();
+        if (stated < resolved_count || stated > block_count || stated != active.value_or(stated)) {
+          return absl::InvalidArgumentError(
+              absl::StrCat("active_block_count is ", stated, ": must be that of the volume of ",
+                           block_count, " blocks, the same in all answers, and at least ",
+                           resolved_count, ", which were named"));
+        }
+        active = stated;
+        *unresolved = stated - resolved_count;
         return absl::OkStatus();
       });
 }

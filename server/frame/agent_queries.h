@@ -102,6 +102,16 @@ QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
                                                      const base::TraceContext& identity,
                                                      const base::Cancellation& cancellation);
 
+// Returns the number of active blocks of level 0 that a level shows nothing of, for one surface. Asks
+// every part, whose agents read the level's blocks. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
+// DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+//
+// block_count: of level 0
+QueryOutcome<std::int64_t> AskUnresolved(const QueryTarget& target, std::int64_t block_count,
+                                         int level, const volume::InsideRule& rule,
+                                         const base::TraceContext& identity,
+                                         const base::Cancellation& cancellation);
+
 // A point of world space, and the block whose surface is seen there.
 struct ShownPoint {
   math::Vec3d position;

@@ -28,6 +28,7 @@
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/sample_counts.h"
+#include "server/frame/unresolved_counts.h"
 #include "wire/frame_convert.h"
 
 namespace isoscope::server {
@@ -86,9 +87,11 @@ class FrameRunner {
   [[nodiscard]] CoordinatorState& state() const { return state_; }
   [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
   [[nodiscard]] SampleCountsCache& sample_counts() { return sample_counts_; }
+  [[nodiscard]] UnresolvedCounts& unresolved_counts() { return unresolved_counts_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
     cell_boxes_.AppendSamples(&families->back());
+    unresolved_counts_.AppendSamples(&families->back());
   }
 
  private:
@@ -111,6 +114,7 @@ class FrameRunner {
   AgentRoom agent_room_;
   CellBoxCache cell_boxes_;
   SampleCountsCache sample_counts_;
+  UnresolvedCounts unresolved_counts_;
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

@@ -188,6 +188,7 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
     ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
     ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
     ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+    ISOSCOPE_RETURN_IF_ERROR(FindUnresolved(target));
   }
   ISOSCOPE_RETURN_IF_ERROR(FindBounds(target, &output));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
@@ -236,6 +237,43 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   return absl::OkStatus();
 }
 
+// Agents read the level's active blocks for a number that is not known yet. Only frames that ask for
+// notes wait for that; others tell what is known.
+absl::Status PictureJob::FindUnresolved(const FrameTarget& target) {
+  const frame::FrameSpec& spec = asked_.spec;
+  if (spec.level == 0 || !cost_.missing_shards.empty()) {
+    return absl::OkStatus();
+  }
+  const base::TraceScope trace(recorder(), "unresolved blocks");
+  const FrameIdentity identity = Identity();
+  const isoscope::v1::Dataset& dataset = target.dataset->dataset;
+  std::int64_t sum = 0;
+  for (const volume::InsideRule& rule : frame::RulesOf(spec)) {
+    const std::string key = UnresolvedCounts::KeyOf(dataset.dataset_id(), rule, spec.level);
+    std::optional<std::int64_t> count = runner_.unresolved_counts().Find(key);
+    if (!count.has_value() && !asked_.with_notes) {
+      return absl::OkStatus();
+    }
+    if (!count.has_value()) {
+      const QueryOutcome<std::int64_t> outcome =
+          AskUnresolved({dataset.dataset_id(), parts_}, dataset.block_count(), spec.level, rule,
+                        *identity.request, *identity.cancellation);
+      runner_.state().ReportQuery(*identity.request, outcome.report);
+      if (!outcome.result.ok()) {
+        base::LogWarning("unresolved_blocks_failed", {{"request", identity.request->request_id()},
+                                                      {"status", outcome.result.status()}});
+        return absl::IsCancelled(outcome.result.status()) ? outcome.result.status()
+                                                          : absl::OkStatus();
+      }
+      count = *outcome.result;
+      runner_.unresolved_counts().Insert(key, *count);
+    }
+    sum += *count;
+  }
+  cost_.unresolved_block_count = sum;
+  return absl::OkStatus();
+}
+
 // All answers at a time have at most frame::kMaxBoundsPixels, for which FrameBytes counts.
 absl::Status PictureJob::FindBounds(const FrameTarget& target, FrameOutput* output) {
   if (!asked_.spec.output.depth_bounds) {
@@ -250,6 +288,7 @@ absl::Status PictureJob::FindBounds(const FrameTarget& target, FrameOutput* outp
                                frame::kDepthBoundsBytes);
   const int rows = std::max(static_cast<int>(frame::kMaxBoundsPixels / parts_.size() / width), 1);
   frame::FrameSpec of_rows = asked_.spec;
+  of_rows.level = 0;
   for (int y = 0; y < whole.height_px; y += rows) {
     of_rows.region =
         view::Region{whole.x, whole.y + y, whole.width_px, std::min(rows, whole.height_px - y)};

@@ -131,6 +131,8 @@ class PictureJob {
   absl::Status FindRanges(const FrameTarget& target);
   // Finds the notes on surfaces. A picture without them is still right.
   absl::Status FindNotes(const FrameTarget& target);
+  // Counts what a level shows nothing of. A picture without the number is still right.
+  absl::Status FindUnresolved(const FrameTarget& target);
   // Adds the plane of bounds, rows by rows.
   absl::Status FindBounds(const FrameTarget& target, FrameOutput* output);
   // Converts all but the trace.
