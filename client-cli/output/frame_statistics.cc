@@ -7,7 +7,8 @@
 //
 // Times are protobuf durations; JSON has milliseconds, rounded to microseconds. These members of a
 // frame are there only if they tell something: truncated_pixel_count, missing_shards with
-// active_block_coverage, band_count (two or more), surfaces (of two or more), notes, measures.
+// active_block_coverage, band_count (two or more), unresolved_block_count (of a level), surfaces (of
+// two or more), notes, measures.
 
 #include "client-cli/output/frame_statistics.h"
 
@@ -90,6 +91,9 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
   }
   if (statistics.band_count() > 1) {
     json["band_count"] = statistics.band_count();
+  }
+  if (statistics.has_unresolved_block_count()) {
+    json["unresolved_block_count"] = statistics.unresolved_block_count();
   }
   json["durations_ms"] = {
       {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},

@@ -198,6 +198,7 @@ def statistics(proto: frame_pb2.RenderStatistics) -> Statistics:
         missing_shards=tuple(proto.missing_shards),
         active_block_coverage=_optional(proto, "active_block_coverage"),
         band_count=max(proto.band_count, 1),
+        unresolved_block_count=_optional(proto, "unresolved_block_count"),
         durations_ms={step: _milliseconds(getattr(proto.durations, f"{step}_duration")) for step in _STEPS},
         agents=tuple(
             AgentStatistics(

@@ -540,6 +540,65 @@ TEST_F(DepthBoundsQueriesTest, AnAnswerThatCanNotBeRightIsAnInternalError) {
   EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal, HasSubstr("malformed")));
 }
 
+// Asks two agents directly: frames of level 0 never do.
+class UnresolvedQueriesTest : public AgentQueriesTest {
+ protected:
+  UnresolvedQueriesTest() {
+    for (const int i : {0, 1}) {
+      (i == 0 ? first_ : second_).on_resolved_blocks =
+          [this, i](const internal::GetResolvedBlocksRequest& request, auto* response) {
+            asked_of_[i] = request;
+            *response->mutable_blocks() = wire::ToProto(resolved_[i]);
+            response->set_active_block_count(active_counts_[i]);
+            return grpc::Status::OK;
+          };
+    }
+  }
+  absl::StatusOr<std::int64_t> Ask() {
+    std::vector<FramePart> parts;
+    for (const FakeAgent* agent : {&first_, &second_}) {
+      parts.push_back({.shard_indices = {static_cast<int>(parts.size())},
+                       .replicas = {{.address = agent->address(),
+                                     .channel = rpc::MakeFreshChannel(agent->address())}}});
+    }
+    const std::string id = "some";
+    base::Cancellation cancellation(base::MonotonicNow() + kLimit);
+    return AskUnresolved({id, parts}, /*block_count=*/100, /*level=*/2,
+                         volume::InsideRule::OfIsovalue(7), base::TraceContext::Random(),
+                         cancellation)
+        .result;
+  }
+
+  internal::GetResolvedBlocksRequest asked_of_[2];
+  std::vector<volume::BlockId> resolved_[2] = {{1, 5, 9}, {5, 70}};
+  std::int64_t active_counts_[2] = {10, 10};
+};
+
+TEST_F(UnresolvedQueriesTest, BlocksThatAnyAgentResolvesAreResolvedOnce) {
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::int64_t count, Ask());
+  EXPECT_EQ(count, 10 - 4);
+  for (const int i : {0, 1}) {
+    EXPECT_EQ(asked_of_[i].level(), 2U);
+    EXPECT_EQ(asked_of_[i].isovalue(), 7);
+    ASSERT_EQ(asked_of_[i].shard_indices_size(), 1);
+    EXPECT_EQ(asked_of_[i].shard_indices(0), i);
+  }
+}
+
+TEST_F(UnresolvedQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
+  Start();
+  active_counts_[1] = 11;
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("the same in all answers")));
+  active_counts_[1] = active_counts_[0] = 3;
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("at least 4")));
+  active_counts_[1] = active_counts_[0] = 101;
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("100 blocks")));
+  active_counts_[1] = active_counts_[0] = 10;
+  resolved_[1].push_back(100);
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("blocks")));
+}
+
 TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
   answer_.set_active_block_count(1);
   answer_.mutable_begin_cell();
