@@ -13,12 +13,16 @@
 #include "partition-agent/agent_queries.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/frame/frame_spec.h"
+#include "core/volume/volume_level.h"
 #include "partition-agent/shard/point_gradients.h"
 #include "partition-agent/shard/shard_histogram.h"
 #include "partition-agent/shard/shard_label_values.h"
@@ -44,6 +48,17 @@ void SortShards(v1::DescribeShardsResponse* description) {
               return std::pair(a.dataset().name(), a.shard_index()) <
                      std::pair(b.dataset().name(), b.shard_index());
             });
+}
+
+v1::LevelsDescription DescribeLevels(const std::vector<int>& levels, volume::LevelFilter filter) {
+  v1::LevelsDescription description;
+  for (const int level : levels) {
+    description.add_levels(static_cast<std::uint32_t>(level));
+  }
+  description.set_filter(filter == volume::LevelFilter::kMean
+                             ? isoscope::v1::DatasetLevel::FILTER_MEAN
+                             : isoscope::v1::DatasetLevel::FILTER_MAJORITY);
+  return description;
 }
 
 // The rules of a question about active blocks or cells.
@@ -118,6 +133,15 @@ v1::DescribeShardsResponse DescribePlain(const Shards& shards, const render::Ren
     out->set_range_table_crc32c(reader.manifest().range_table_crc32c);
     out->set_shard_index(reader.shard_index());
     out->set_block_count(reader.block_count());
+    std::vector<int> levels;
+    for (std::size_t i = 0; i < shard->levels.size(); ++i) {
+      if (shard->levels[i] != nullptr) {
+        levels.push_back(static_cast<int>(i) + 1);
+      }
+    }
+    if (!levels.empty()) {
+      *out->mutable_levels() = DescribeLevels(levels, reader.manifest().level_filter);
+    }
   }
   SortShards(&description);
   return description;
@@ -133,8 +157,13 @@ void AddSeries(const ShardSet& shards, v1::DescribeShardsResponse* description) 
     v1::ShardDescription* const out = description->add_shards();
     *out->mutable_dataset() = wire::ToProto(served->manifest);
     out->set_shard_index(shard->shard_index());
-    for (const store::ScalarVolume& volume : served->volumes) {
-      *out->add_volumes() = wire::ToProto(volume);
+    for (std::size_t i = 0; i < served->volumes.size(); ++i) {
+      v1::VolumeDescription* const volume = out->add_volumes();
+      *volume = wire::ToProto(served->volumes[i]);
+      if (!served->levels[i].empty()) {
+        *volume->mutable_levels() =
+            DescribeLevels(served->levels[i], served->volumes[i].level_filter);
+      }
     }
   }
   SortShards(description);
@@ -179,12 +208,15 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequ
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& request,
                          const base::Cancellation& /*cancellation*/,
                          v1::GetActiveBoxResponse* response) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::InsideRule> rules, RulesOf(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::InsideRule> rules, RulesOf(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                             wire::ClipRegionFromProto(request.clip(), "clip"));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
-                            shards.FindAny(request.dataset_id()));
-  const store::ShardReader& reader = *found->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const int level, wire::LevelFromProto(request.level(), "level"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards found, shards.FindAny(request.dataset_id(), level));
+  for (volume::InsideRule& rule : rules) {
+    rule = frame::InStoredValues(std::move(rule), found.value_scale);
+  }
+  const store::ShardReader& reader = *found.shards.front()->reader;
   const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
                                     view::Clipper(clip, reader.manifest().geometry));
   *response = wire::ToProto(box.block_count, box.cells);
@@ -211,9 +243,8 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
                          v1::GetDepthBoundsResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const wire::DepthBoundsQuery query,
                             wire::DepthBoundsQueryFromProto(request));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
-                            shards.FindAny(request.dataset_id()));
-  const store::ShardReader& reader = *found->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards found, shards.FindAny(request.dataset_id()));
+  const store::ShardReader& reader = *found.shards.front()->reader;
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                             view::View::Make(*query.spec.camera, query.spec.viewport,
                                              reader.manifest().geometry, query.spec.region));

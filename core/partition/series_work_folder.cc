@@ -232,7 +232,7 @@ absl::StatusOr<store::ScalarVolume> SeriesWorkFolder::Describe(
   const std::string path = absl::StrCat(VolumePath(key, 0), "/", store::kManifestFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadManifest(key, 0));
   store::ScalarVolume volume;
-  ISOSCOPE_ASSIGN_OR_RETURN(volume.manifest_crc32c, store::VerifySeal(bytes, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(volume.manifest_crc32c, store::ManifestCrc32c(bytes, path));
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest, store::DecodeManifest(bytes, path));
   volume.key = key;
   volume.dataset_id = std::move(manifest.dataset_id);

@@ -5,7 +5,6 @@
 
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
-#include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 
@@ -52,7 +51,7 @@ absl::StatusOr<Descriptions> ReadDescriptions(const std::string& directory,
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string manifest_bytes,
                             ReadRequiredJson(manifest_path, kMaxManifestBytes, open_file));
   ISOSCOPE_ASSIGN_OR_RETURN(descriptions.manifest_crc32c,
-                            VerifySeal(manifest_bytes, manifest_path));
+                            ManifestCrc32c(manifest_bytes, manifest_path));
   ISOSCOPE_ASSIGN_OR_RETURN(descriptions.manifest, DecodeManifest(manifest_bytes, manifest_path));
   const Manifest& manifest = descriptions.manifest;
   ISOSCOPE_ASSIGN_OR_RETURN(

@@ -39,7 +39,7 @@ absl::StatusOr<std::string> ReadRequiredJson(const std::string& path, std::int64
 
 struct Descriptions {
   Manifest manifest;
-  std::uint32_t manifest_crc32c = 0;
+  std::uint32_t manifest_crc32c = 0;  // ManifestCrc32c
   volume::BlockLayout layout;
   volume::RangeTable ranges;
 };

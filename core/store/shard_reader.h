@@ -77,7 +77,7 @@ class ShardReader {
   [[nodiscard]] std::int64_t block_count() const;
   // REQUIRES: ordinal < block_count().
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
-  // The member "crc32c" of manifest.json. Equal in all shards of a dataset.
+  // ManifestCrc32c of manifest.json. Equal in all shards of a dataset, with levels or without.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
   // The bytes of a block in blocks.bin. REQUIRES: ordinal < block_count().
   [[nodiscard]] std::int64_t stored_bytes(std::uint32_t ordinal) const;

@@ -339,7 +339,7 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
   if (shard_index >= 0) {
     ISOSCOPE_CHECK_LT(static_cast<std::size_t>(shard_index), manifest.shards.size());
     ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t manifest_crc32c,
-                              VerifySeal(manifest_bytes, manifest_path));
+                              ManifestCrc32c(manifest_bytes, manifest_path));
     ISOSCOPE_ASSIGN_OR_RETURN(const FileSums tree, SumUpFile(prefix + kIntervalTreeFileName));
     std::optional<FileSums> histogram;
     if (io::PathExists(prefix + kHistogramFileName)) {

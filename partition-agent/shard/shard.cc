@@ -8,10 +8,13 @@
 
 #include "absl/strings/str_format.h"
 
+#include "core/base/log.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/store/shard_format.h"
+#include "core/store/shard_levels.h"
 #include "core/volume/scalar_span.h"
 
 namespace isoscope::agent {
@@ -91,21 +94,15 @@ absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_pat
   return absl::OkStatus();
 }
 
-}  // namespace
-
-std::uint32_t NextShardNumber() {
-  static std::atomic<std::uint32_t> next_number{0};
-  return next_number.fetch_add(1);
-}
-
-absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
-                                                       std::uint32_t number,
-                                                       const store::OpenFile& open_file) {
+// Opens the tree beside the tables.
+absl::StatusOr<std::shared_ptr<Shard>> WithTree(std::unique_ptr<store::ShardReader> reader,
+                                                std::uint32_t number,
+                                                const store::OpenFile& open_file) {
   auto shard = std::make_shared<Shard>();
   shard->number = number;
-  ISOSCOPE_ASSIGN_OR_RETURN(shard->reader, store::ShardReader::Open(directory, open_file));
+  shard->reader = std::move(reader);
   shard->shapes = std::make_shared<const extract::BlockShapes>(shard->reader->layout());
-  const std::string tree_path = directory + "/" + store::kIntervalTreeFileName;
+  const std::string tree_path = shard->reader->directory() + "/" + store::kIntervalTreeFileName;
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> file, open_file(tree_path));
   ISOSCOPE_ASSIGN_OR_RETURN(shard->tree,
                             index::IntervalTree::Open(std::move(file), kPageCacheBytes));
@@ -116,6 +113,60 @@ absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& direct
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckTreeIsOfBlocks(*shard, tree_path));
   return shard;
+}
+
+// Returns true if an error is of the files of a level: without it, others can be served.
+bool IsOfLevel(const absl::Status& status) {
+  return absl::IsFailedPrecondition(status) || absl::IsDataLoss(status) || absl::IsNotFound(status);
+}
+
+}  // namespace
+
+std::uint32_t NextShardNumber() {
+  static std::atomic<std::uint32_t> next_number{0};
+  return next_number.fetch_add(1);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
+                                                       std::uint32_t number,
+                                                       const store::OpenFile& open_file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardReader> reader,
+                            store::ShardReader::Open(directory, open_file));
+  return WithTree(std::move(reader), number, open_file);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> OpenLevel(const Shard& shard, int level,
+                                                       std::uint32_t number,
+                                                       const store::OpenFile& open_file) {
+  absl::StatusOr<std::unique_ptr<store::ShardReader>> reader =
+      store::OpenLevelOf(*shard.reader, level, open_file);
+  if (absl::IsNotFound(reader.status())) {
+    return absl::FailedPreconditionError(reader.status().message());
+  }
+  ISOSCOPE_RETURN_IF_ERROR(reader.status());
+  return WithTree(*std::move(reader), number, open_file);
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShardWithLevels(const std::string& directory,
+                                                                 const store::OpenFile& open_file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardReader> reader,
+                            store::ShardReader::Open(directory, open_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<Shard> shard,
+                            WithTree(std::move(reader), NextShardNumber(), open_file));
+  for (int level = 1; level <= shard->reader->manifest().highest_level(); ++level) {
+    absl::StatusOr<std::shared_ptr<const Shard>> opened =
+        OpenLevel(*shard, level, NextShardNumber(), open_file);
+    if (!opened.ok() && !IsOfLevel(opened.status())) {
+      return opened.status();
+    }
+    if (!opened.ok()) {
+      base::LogWarning(
+          "shard_lacks_level",
+          {{"directory", base::OwnText{directory}}, {"level", level}, {"status", opened.status()}});
+    }
+    shard->levels.push_back(opened.ok() ? *std::move(opened) : nullptr);
+  }
+  return std::shared_ptr<const Shard>(std::move(shard));
 }
 
 }  // namespace isoscope::agent

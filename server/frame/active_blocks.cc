@@ -31,10 +31,10 @@ ActiveBlocks::ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_a
   }
 }
 
-std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
+std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id, int level,
                                      const std::vector<std::vector<int>>& shard_indices_by_agent,
                                      const std::vector<volume::InsideRule>& rules) {
-  std::string key = dataset_id;
+  std::string key = absl::StrCat(dataset_id, "^", level);
   const auto append = [&key](absl::string_view mark, double value) {
     absl::StrAppend(&key, mark, absl::Hex(std::bit_cast<std::uint64_t>(value + 0.0)));
   };

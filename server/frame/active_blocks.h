@@ -38,8 +38,8 @@ class ActiveBlocksCache {
   explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
 
   // Returns the key of a frame. The active blocks and their owners follow from the dataset's
-  // content, the shards of each agent, and the rules of the frame's surfaces.
-  static std::string KeyOf(const std::string& dataset_id,
+  // content, the level, the shards of each agent, and the rules of the frame's surfaces.
+  static std::string KeyOf(const std::string& dataset_id, int level,
                            const std::vector<std::vector<int>>& shard_indices_by_agent,
                            const std::vector<volume::InsideRule>& rules);
 

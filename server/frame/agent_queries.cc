@@ -426,6 +426,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   questions[0].request.set_dataset_id(target.dataset_id);
   AddRules(rules, &questions[0].request);
   *questions[0].request.mutable_clip() = wire::ToProto(clip);
+  questions[0].request.set_level(static_cast<std::uint32_t>(target.level));
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
                ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, wire::ActiveBoxFromProto(answer, layout));

@@ -38,6 +38,7 @@ struct QueryTarget {
   // If one agent is enough, `turn` selects the first one to ask: successive turns use all in
   // rotation.
   std::size_t turn = 0;
+  int level = 0;  // whose blocks AskActiveBox asks for
 };
 
 // An agent that was slower than another one with the same question.
@@ -73,7 +74,7 @@ struct ActiveExtent {
 
 // Returns the number of blocks that are active for any of some surfaces and not wholly outside of
 // `clip`, and their box. Blocks of missing shards count too. Asks one agent of any part, because
-// every agent knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED,
+// every agent knows all ranges. Blocks are those of the target's level. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED,
 // CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,

@@ -139,9 +139,7 @@ absl::Status DrawValues(const FrameToRange& frame, AskedFrame stepped,
                         picture::VisibleValues* visible) {
   stepped.spec.region = region;
   FrameTarget target = *frame.target;
-  ISOSCOPE_ASSIGN_OR_RETURN(target.view,
-                            view::View::Make(*stepped.spec.camera, stepped.spec.viewport,
-                                             frame.target->view.geometry(), region));
+  ISOSCOPE_ASSIGN_OR_RETURN(target.view, target.ViewOf(stepped.spec));
   FrameIdentity identity = *frame.identity;
   identity.trace = nullptr;
   identity.agent_traces = nullptr;

@@ -1,6 +1,7 @@
 // A frame of a call, after its ticket has a place:
 //
-// 1. FindTarget finds the dataset, chooses the replicas of each part, and resolves the camera.
+// 1. FindTarget finds the dataset, chooses the replicas of each part, and resolves the camera; then
+//    PlaceLevel chooses the level.
 // 2. Attempt begins every part on an agent, runs RunFrame, and collects traces and active blocks.
 // 3. Learn reports the agents to the replica board: done, failed, late, or the loser of a hedge.
 // 4. If parts are lost and the request allows a partial picture, Run starts again without them.
@@ -23,8 +24,12 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
+#include "core/picture/color_map.h"
 #include "core/view/camera_fit.h"
+#include "core/view/level_choice.h"
 #include "core/volume/patient_frame.h"
+#include "core/volume/volume_level.h"
+#include "server/cluster/served_levels.h"
 #include "server/frame/agent_client.h"
 #include "server/frame/agent_queries.h"
 #include "wire/frame_convert.h"
@@ -54,6 +59,12 @@ absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& data
   return absl::OkStatus();
 }
 
+bool ShowsPosition(const frame::ColorBy& color_by) {
+  using Quantity = frame::ColorBy::Quantity;
+  return color_by.quantity == Quantity::kPositionX || color_by.quantity == Quantity::kPositionY ||
+         color_by.quantity == Quantity::kPositionZ;
+}
+
 std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>& parts,
                         const frame::FrameSpec& spec) {
   std::vector<std::vector<int>> shard_indices;
@@ -61,7 +72,7 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
   for (const FramePart& part : parts) {
     shard_indices.push_back(part.shard_indices);
   }
-  return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), shard_indices,
+  return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), target.level, shard_indices,
                                   frame::RulesOf(spec));
 }
 
@@ -73,9 +84,24 @@ bool MayWorkSmaller(const absl::Status& status) {
 }
 
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
-                                             const volume::GridGeometry& geometry) {
+                                             const volume::GridGeometry& grid) {
   const isoscope::v1::Dimensions& cells = dataset.block_cells();
-  return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
+  return volume::BlockLayout::Make(grid.sample_dims, {cells.x(), cells.y(), cells.z()});
+}
+
+volume::GridGeometry GridOfLevel(const volume::GridGeometry& whole, int level) {
+  // Type and filter do not change the grid.
+  return volume::LevelOf(whole, volume::ScalarType::kUint8, volume::LevelFilter::kMean, level).grid;
+}
+
+absl::StatusOr<view::View> FrameTarget::ViewOf(const view::Camera& camera,
+                                               const view::Viewport& viewport,
+                                               const std::optional<view::Region>& region) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(view::View of_whole, view::View::Make(camera, viewport, whole, region));
+  if (level == 0) {
+    return of_whole;
+  }
+  return of_whole.OnGrid(GridOfLevel(whole, level));
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::Prepare(FrameTicket* ticket, AskedFrame* asked,
@@ -115,14 +141,48 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
                                        geometry, layout, asked));
   ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
                             view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
-  ISOSCOPE_RETURN_IF_ERROR(
-      frame::CheckOwners(frame::OwnerSurfaceCount(spec), layout.block_count()));
   const frame::BackEnd drawn_by = frame::DrawnBy(spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
   std::shared_ptr<const DatasetState> of_volume = selected.dataset;
-  return FrameTarget{std::move(of_volume), std::move(parts), view, layout, order,
-                     std::move(selected)};
+  FrameTarget target{std::move(of_volume), std::move(parts), view, layout, order,
+                     std::move(selected),  geometry};
+  ISOSCOPE_RETURN_IF_ERROR(PlaceLevel(asked, &target));
+  ISOSCOPE_RETURN_IF_ERROR(
+      frame::CheckOwners(frame::OwnerSurfaceCount(spec), target.layout.block_count()));
+  return target;
+}
+
+absl::Status FrameRunner::PlaceLevel(AskedFrame* asked, FrameTarget* target) {
+  asked->spec.level = 0;
+  if (!asked->level.has_value()) {
+    return absl::OkStatus();
+  }
+  const DatasetState& dataset = *target->dataset;
+  const std::vector<volume::InsideRule> rules = frame::RulesOf(asked->spec);
+  const double pixels_per_unit = view::PixelsPerUnit(target->view, asked->spec.clip.box);
+  ISOSCOPE_ASSIGN_OR_RETURN(const ServedLevel* const chosen,
+                            ChooseLevel(dataset.levels, dataset.dataset, target->whole, rules,
+                                        *asked->level, pixels_per_unit));
+  target->level = chosen == nullptr ? 0 : chosen->level;
+  asked->spec.level = target->level;
+  const volume::GridGeometry grid = GridOfLevel(target->whole, target->level);
+  target->spacing_px = view::SpacingPx(grid, pixels_per_unit);
+  if (chosen == nullptr) {
+    return absl::OkStatus();
+  }
+  target->parts = state_.replicas.Choose(chosen->replica_sets,
+                                         ReplicaKeyOf(dataset.dataset.dataset_id(), rules));
+  ISOSCOPE_ASSIGN_OR_RETURN(target->layout, LayoutOf(dataset.dataset, grid));
+  target->order.block_count = static_cast<std::uint32_t>(target->layout.block_count());
+  ISOSCOPE_ASSIGN_OR_RETURN(target->view, target->view.OnGrid(grid));
+  // Colours of a position show the box of the samples, at every level.
+  for (frame::Surface& surface : asked->spec.surfaces) {
+    if (surface.color_by.has_value() && ShowsPosition(*surface.color_by)) {
+      surface.color_by->range = picture::ColorRangeOf(*surface.color_by, target->whole);
+    }
+  }
+  return absl::OkStatus();
 }
 
 absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
@@ -285,7 +345,7 @@ class FrameRunner::Attempt {
     }
     leases_.push_back(runner_.state_.replicas.Take(agent.address));
     begins_.emplace(agent.address, base::MonotonicNow());
-    return BeginFrameOnAgent(agent, std::move(of_part), target_.dataset->dataset.block_count(),
+    return BeginFrameOnAgent(agent, std::move(of_part), target_.layout.block_count(),
                              identity_.cancellation->deadline(), runner_.state_.mailboxes.get(),
                              *identity_.request, trace_target, listener);
   }
@@ -390,8 +450,8 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
     return absl::OkStatus();
   }
   const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
-      {dataset.dataset_id(), parts, state_.NextTurn()}, target.layout, frame::RulesOf(asked.spec),
-      asked.spec.clip, *identity.request, *identity.cancellation);
+      {dataset.dataset_id(), parts, state_.NextTurn(), target.level}, target.layout,
+      frame::RulesOf(asked.spec), asked.spec.clip, *identity.request, *identity.cancellation);
   state_.ReportQuery(*identity.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const auto all = static_cast<double>(outcome.result->active_block_count);

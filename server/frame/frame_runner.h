@@ -5,6 +5,7 @@
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -14,6 +15,7 @@
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "core/view/view.h"
+#include "core/volume/grid_geometry.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/frame_part.h"
@@ -37,10 +39,21 @@ namespace isoscope::server {
 struct FrameTarget {
   std::shared_ptr<const DatasetState> dataset;
   std::vector<FramePart> parts;  // of all shards, unless some are missing (allow_partial)
-  view::View view;
-  volume::BlockLayout layout;
+  view::View view;               // of the level's grid, with the clip planes of level 0
+  volume::BlockLayout layout;    // of the level
   image::FragmentOrder order;
-  SelectedVolume selected;  // `dataset` is its dataset
+  SelectedVolume selected;     // `dataset` is its dataset
+  volume::GridGeometry whole;  // of level 0
+  int level = 0;
+  double spacing_px = 0;  // of the level, if the request has a choice of one
+
+  // Returns the view of another camera or window. Errors as View::Make.
+  [[nodiscard]] absl::StatusOr<view::View> ViewOf(const frame::FrameSpec& spec) const {
+    return ViewOf(*spec.camera, spec.viewport, spec.region);
+  }
+  [[nodiscard]] absl::StatusOr<view::View> ViewOf(const view::Camera& camera,
+                                                  const view::Viewport& viewport,
+                                                  const std::optional<view::Region>& region) const;
 };
 
 using wire::AskedFrame;
@@ -97,6 +110,9 @@ class FrameRunner {
  private:
   class Attempt;
   absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked);
+  // Turns a target of level 0 into one of the level that the frame asks for, and sets
+  // FrameSpec::level. Once, for all bands and drawings of the frame.
+  absl::Status PlaceLevel(AskedFrame* asked, FrameTarget* target);
   // Resolves the camera of the frame. Asks agents for the box of the surface if the camera fits it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
                            const isoscope::v1::Dataset& dataset,
@@ -117,9 +133,12 @@ class FrameRunner {
   UnresolvedCounts unresolved_counts_;
 };
 
-// Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.
+// Returns the layout of the dataset's blocks on a grid: its own, or that of a level. INVALID_ARGUMENT
+// if it has none.
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
-                                             const volume::GridGeometry& geometry);
+                                             const volume::GridGeometry& grid);
+// Returns the grid of a level of the dataset, whose grid is `whole`.
+volume::GridGeometry GridOfLevel(const volume::GridGeometry& whole, int level);
 
 }  // namespace isoscope::server
 

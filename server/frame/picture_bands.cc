@@ -207,8 +207,7 @@ absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGri
                                  "band");
     const frame::FrameSpec spec = SpecOfBand(whole, bands.At(i));
     FrameTarget of_band = target;
-    ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, view::View::Make(*spec.camera, spec.viewport,
-                                                             target.view.geometry(), spec.region));
+    ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, target.ViewOf(spec));
     const Piece piece{
         .spec = spec,
         .target = of_band,

@@ -9,6 +9,7 @@
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
+#include "core/view/level_choice.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
@@ -208,7 +209,14 @@ void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
     response->set_time(*target.selected.time);
   }
   *response->mutable_statistics() = ToProto(cost_);
-  AddColorings(asked_.spec, target.view.geometry(), contents_, response);
+  response->mutable_statistics()->set_level(static_cast<std::uint32_t>(target.level));
+  if (asked_.level.has_value()) {
+    v1::DrawnLevel* const drawn = response->mutable_drawn_level();
+    drawn->set_level(static_cast<std::uint32_t>(target.level));
+    drawn->set_max_spacing_px(target.spacing_px);
+    *drawn->mutable_spacing() = wire::ToProto(view::WorldSpacing(target.view.geometry()));
+  }
+  AddColorings(asked_.spec, target.whole, contents_, response);
   response->mutable_notes()->Assign(notes_.begin(), notes_.end());
   MoveInto(std::move(output), asked_.spec.output.image_format, response);
 }
@@ -377,9 +385,8 @@ absl::Status PictureJob::RenderPicture(const Piece& piece, absl::FunctionRef<voi
   std::optional<FrameTarget> larger;
   if (!window.is_picture_of(piece.spec)) {
     larger = piece.target;
-    ISOSCOPE_ASSIGN_OR_RETURN(larger->view,
-                              view::View::Make(*piece.spec.camera, window.viewport,
-                                               piece.target.view.geometry(), window.region));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        larger->view, piece.target.ViewOf(*piece.spec.camera, window.viewport, window.region));
   }
   const FrameTarget& drawn = larger.has_value() ? *larger : piece.target;
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(piece, drawn, window, Content::kPicture));

@@ -23,7 +23,7 @@ using ::testing::ElementsAre;
 using ShardsByAgent = std::vector<std::vector<int>>;
 
 std::string KeyOf(const std::string& id, const ShardsByAgent& shards, double isovalue) {
-  return ActiveBlocksCache::KeyOf(id, shards, {{.isovalue = isovalue}});
+  return ActiveBlocksCache::KeyOf(id, /*level=*/0, shards, {{.isovalue = isovalue}});
 }
 
 // The first `count` blocks of a small volume, all of one agent.
@@ -61,6 +61,7 @@ TEST(ActiveBlocksCacheTest, EverythingThatDecidesTheListsIsInTheKey) {
       KeyOf("a", {{0, 1}, {2}}, 1),
       KeyOf("a", {{0}, {12}}, 1),
       KeyOf("a", {{0, 11}}, 1),
+      ActiveBlocksCache::KeyOf("a", /*level=*/1, {{0}, {1}}, {{.isovalue = 1}}),
   };
   EXPECT_EQ(std::set<std::string>(keys.begin(), keys.end()).size(), keys.size());
   EXPECT_EQ(KeyOf("a", {{0}, {1}}, 1), keys.front());
@@ -82,11 +83,11 @@ TEST(ActiveBlocksCacheTest, LabelsOfEachSurfaceAreInTheKey) {
   };
   std::set<std::string> keys;
   for (const std::vector<InsideRule>& rules : surfaces) {
-    keys.insert(ActiveBlocksCache::KeyOf("a", {{0}}, rules));
+    keys.insert(ActiveBlocksCache::KeyOf("a", 0, {{0}}, rules));
   }
   EXPECT_EQ(keys.size(), surfaces.size());
-  EXPECT_EQ(ActiveBlocksCache::KeyOf("a", {{0}}, {InsideRule::OfLabels({2, 1, 2})}),
-            ActiveBlocksCache::KeyOf("a", {{0}}, {InsideRule::OfLabels({1, 2})}));
+  EXPECT_EQ(ActiveBlocksCache::KeyOf("a", 0, {{0}}, {InsideRule::OfLabels({2, 1, 2})}),
+            ActiveBlocksCache::KeyOf("a", 0, {{0}}, {InsideRule::OfLabels({1, 2})}));
 }
 
 TEST(ActiveBlocksCacheTest, FindsWhatWasInsertedAndNothingElse) {
