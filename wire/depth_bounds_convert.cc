@@ -57,6 +57,10 @@ absl::StatusOr<DepthBoundsQuery> DepthBoundsQueryFromProto(
   if (!query.spec.camera.has_value()) {
     return absl::InvalidArgumentError("frame.camera is not set: required");
   }
+  if (query.spec.level != 0) {
+    return absl::InvalidArgumentError(absl::StrCat("frame.level is ", query.spec.level,
+                                                   ": must be 0, whose depths are the exact ones"));
+  }
   const std::size_t pixels = BoundsPixelsOf(frame::ImageSizeOf(query.spec));
   if (pixels > frame::kMaxBoundsPixels) {
     return absl::InvalidArgumentError(absl::StrCat("frame has a picture of ", pixels,

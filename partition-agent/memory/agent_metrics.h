@@ -25,6 +25,7 @@ enum class AgentMethod {
   kGetCellBox,
   kGetGradients,
   kGetDepthBounds,
+  kGetResolvedBlocks,
 };
 
 // Present values that other objects keep.

@@ -63,6 +63,7 @@ TEST(DepthBoundsConvertTest, EveryHostileQuestionIsNamed) {
        },
        "525312 pixels"},
       {[](auto* r) { r->clear_frame(); }, ""},
+      {[](auto* r) { r->mutable_frame()->set_level(1); }, "frame.level is 1"},
       {[](auto* r) { r->GetReflection()->MutableUnknownFields(r)->AddVarint(99, 1); }, "99"},
   };
   for (const Case& c : cases) {
