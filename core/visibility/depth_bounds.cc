@@ -35,11 +35,6 @@ constexpr std::size_t kBatchBlocks = 16384;
 constexpr std::size_t kBlocksPerTask = 256;
 constexpr int kRowsPerTask = 16;
 
-// A cap of a block lies in its cells, or at most one cell beside: there the ray of a point that is
-// outside may have a ray beside it that is inside (docs/numerics.md, "Caps"). 2^-20 is more than
-// the rounding of the comparison.
-constexpr double kCapReachCells = 1 + 0x1p-20;
-
 // The fragments that a block may have.
 struct Splat {
   view::PixelRect rect;
@@ -63,41 +58,22 @@ Splat SplatOf(const view::View& view, const math::Vec3d& min, const math::Vec3d&
                                              : view::FarthestDepthOf(view, min, max, footprint)};
 }
 
-// The triangles of some blocks.
-void FindSurfaceSplats(const BoundedBlocks& of, std::span<const volume::BlockId> ids,
-                       std::span<Splat> splats) {
+using Side = view::Clipper::Side;
+
+// Finds the splats of some blocks. drawn(side): whether blocks on that side of the region count
+template <typename Drawn>
+void FindSplats(const BoundedBlocks& of, std::span<const volume::BlockId> ids, const Drawn& drawn,
+                std::span<Splat> splats) {
   std::array<view::Footprint, kBlocksPerTask> footprints;
   of.view->FootprintsOf(*of.layout, absl::MakeConstSpan(ids.data(), ids.size()),
                         absl::MakeSpan(footprints).first(ids.size()));
   for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (of.clipper->SideOf(*of.layout, ids[i]) == view::Clipper::Side::kOutside) {
+    if (!drawn(of.clipper->SideOf(*of.layout, ids[i]))) {
       splats[i] = {};
       continue;
     }
     const math::IndexBox cells = of.layout->CellsOf(ids[i]);
     splats[i] = SplatOf(*of.view, ToDoubles(cells.begin), ToDoubles(cells.end), footprints[i]);
-  }
-}
-
-// The caps that some blocks may cause.
-void FindCapSplats(const BoundedBlocks& of, std::span<const volume::BlockId> ids,
-                   std::span<Splat> splats) {
-  const math::Index3 cell_dims = of.layout->sample_dims() - math::Index3{1, 1, 1};
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    const math::IndexBox cells = of.layout->CellsOf(ids[i]);
-    math::IndexBox around;
-    math::Vec3d min;
-    math::Vec3d max;
-    for (int axis = 0; axis < 3; ++axis) {
-      around.begin[axis] = std::max<std::int64_t>(cells.begin[axis] - 2, 0);
-      around.end[axis] = std::min(cells.end[axis] + 2, cell_dims[axis]);
-      min[axis] = std::max(static_cast<double>(cells.begin[axis]) - kCapReachCells, 0.0);
-      max[axis] = std::min(static_cast<double>(cells.end[axis]) + kCapReachCells,
-                           static_cast<double>(cell_dims[axis]));
-    }
-    splats[i] = of.clipper->SideOf(around) != view::Clipper::Side::kCut
-                    ? Splat()
-                    : SplatOf(*of.view, min, max, of.view->FootprintOf(min, max));
   }
 }
 
@@ -132,9 +108,8 @@ bool CoversAll(const Splat& splat, const DepthBounds& bounds) {
          splat.rect == view::PixelRect{0, 0, bounds.width_px(), bounds.height_px()};
 }
 
-// find: sets the splats of some blocks
-template <typename Find>
-void AddBlocks(const BoundedBlocks& of, const Find& find, DepthBounds* bounds) {
+template <typename Drawn>
+void AddBlocks(const BoundedBlocks& of, const Drawn& drawn, DepthBounds* bounds) {
   ISOSCOPE_CHECK_EQ(bounds->width_px(), of.view->image_size().width_px);
   ISOSCOPE_CHECK_EQ(bounds->height_px(), of.view->image_size().height_px);
   ISOSCOPE_CHECK_LE(of.begin, of.end);
@@ -156,7 +131,8 @@ void AddBlocks(const BoundedBlocks& of, const Find& find, DepthBounds* bounds) {
                       [&](const tbb::blocked_range<std::size_t>& range) {
                         for (std::size_t i = range.begin(); i < range.end(); i += kBlocksPerTask) {
                           const std::size_t count = std::min(kBlocksPerTask, range.end() - i);
-                          find(of, ids.subspan(i, count), std::span(splats).subspan(i, count));
+                          FindSplats(of, ids.subspan(i, count), drawn,
+                                     std::span(splats).subspan(i, count));
                         }
                       });
     const auto all = std::find_if(splats.begin(), splats.end(),
@@ -216,11 +192,13 @@ void DepthBounds::UniteWith(const DepthBounds& other) {
 }
 
 void AddSurfaceBlocks(const BoundedBlocks& active, DepthBounds* bounds) {
-  AddBlocks(active, FindSurfaceSplats, bounds);
+  AddBlocks(
+      active, [](Side side) { return side != Side::kOutside; }, bounds);
 }
 
-void AddCapBlocks(const BoundedBlocks& with_inside, DepthBounds* bounds) {
-  AddBlocks(with_inside, FindCapSplats, bounds);
+void AddCapBlocks(const BoundedBlocks& near_inside, DepthBounds* bounds) {
+  AddBlocks(
+      near_inside, [](Side side) { return side == Side::kCut; }, bounds);
 }
 
 }  // namespace isoscope::visibility

@@ -76,9 +76,12 @@ struct BoundedBlocks {
 // footprints. REQUIRES: `bounds` has the size of the view's picture; begin <= end.
 void AddSurfaceBlocks(const BoundedBlocks& active, DepthBounds* bounds);
 
-// Adds the caps that blocks with an inside sample of an opaque surface may cause: in the block, and
-// in the cells next to it, where a ray beside the pixel decides. Else as AddSurfaceBlocks.
-void AddCapBlocks(const BoundedBlocks& with_inside, DepthBounds* bounds);
+// Adds the caps that blocks may have. Only blocks that the border of the clip region cuts have some.
+// Else as AddSurfaceBlocks.
+//
+// near_inside: those with an inside sample of an opaque surface, and all 26 neighbours of each: a ray
+//              beside the pixel may decide, in a block beside (docs/numerics.md, "Caps")
+void AddCapBlocks(const BoundedBlocks& near_inside, DepthBounds* bounds);
 
 }  // namespace isoscope::visibility
 

@@ -7,6 +7,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/view/clip_region.h"
+#include "core/visibility/occluder_selection.h"
 #include "core/volume/block_set.h"
 #include "core/volume/inside_rule.h"
 
@@ -17,18 +18,26 @@ volume::BlockId BeginOfPart(std::int64_t block_count, int part_index, int part_c
   return static_cast<volume::BlockId>(block_count * part_index / part_count);
 }
 
-// The blocks of [begin, end) with a sample inside of one of the solids.
-volume::BlockSet BlocksWithInside(const volume::RangeTable& ranges,
+// Returns a set whose members in [begin, end) are the blocks with a sample inside of one of the
+// solids, and the neighbours of such blocks.
+volume::BlockSet BlocksNearInside(const volume::BlockLayout& layout,
+                                  const volume::RangeTable& ranges,
                                   const std::vector<volume::InsideRule>& solids,
                                   volume::BlockId begin, volume::BlockId end) {
   volume::BlockSet with_inside(ranges.block_count());
-  for (volume::BlockId id = begin; id < end; ++id) {
+  // The ids of neighbours are at most so far away.
+  const math::Index3& dims = layout.block_dims();
+  const std::int64_t reach = dims.x * dims.y + dims.x + 1;
+  const std::int64_t last = std::min(end + reach, ranges.block_count());
+  for (std::int64_t i = std::max<std::int64_t>(begin - reach, 0); i < last; ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
     const volume::ScalarSpan span = ranges.Get(id);
     if (std::any_of(solids.begin(), solids.end(),
                     [&](const volume::InsideRule& solid) { return solid.MayHaveInside(span); })) {
       with_inside.Insert(id);
     }
   }
+  visibility::AddNeighbours(dims, &with_inside);
   return with_inside;
 }
 
@@ -70,9 +79,10 @@ absl::StatusOr<visibility::DepthBounds> BoundsOfPart(const volume::BlockLayout& 
       solids.push_back(surface.rule);
     }
   }
-  const volume::BlockSet with_inside = BlocksWithInside(ranges, solids, blocks.begin, blocks.end);
+  const volume::BlockSet near_inside =
+      BlocksNearInside(layout, ranges, solids, blocks.begin, blocks.end);
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  blocks.blocks = &with_inside;
+  blocks.blocks = &near_inside;
   base::RunIn(arena, [&] { visibility::AddCapBlocks(blocks, &bounds); });
   return bounds;
 }

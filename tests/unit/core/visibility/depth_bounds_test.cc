@@ -32,6 +32,7 @@
 #include "core/mesh/compact_mesh.h"
 #include "core/render/clip_caps.h"
 #include "core/render/cpu_renderer.h"
+#include "core/visibility/occluder_selection.h"
 #include "core/volume/range_table.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/draws.h"
@@ -195,6 +196,7 @@ DepthBounds BoundsOf(const Volume& volume, const view::View& view, const frame::
       }
     }
   }
+  AddNeighbours(volume.layout.block_dims(), &with_inside);
   const view::Viewport size = view.image_size();
   DepthBounds all(size.width_px, size.height_px);
   for (const auto& [begin, end] : parts) {
