@@ -1,5 +1,6 @@
 // Steps 1 to 3 without a sample: rays, footprints, the occlusion map and its tests; bounds of depth.
-// For a volume of 512^3 cells in blocks of 8^3 (262144 blocks) and a picture of 1024 x 1024, on one core.
+// For a volume of 512^3 cells in blocks of 8^3 (262144 blocks) and a picture of 1024 x 1024, on one
+// core.
 
 #include <cmath>
 #include <cstddef>
