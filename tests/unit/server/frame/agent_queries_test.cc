@@ -599,6 +599,73 @@ TEST_F(UnresolvedQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("blocks")));
 }
 
+// Two agents whose shards have level 1, and frames without a pixel.
+class UnresolvedFramesTest : public testing::FakeClusterTest {
+ protected:
+  UnresolvedFramesTest() {
+    for (const int i : {0, 1}) {
+      internal::ShardDescription shard = MakeShard("head", i, 2);
+      shard.mutable_levels()->add_levels(1);
+      shard.mutable_levels()->set_filter(v1::DatasetLevel::FILTER_MEAN);
+      FakeAgent& agent = *AddAgent({shard});
+      agent.on_histogram = AnswerWith(1, 2);
+      agent.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+        return testing::PlayEmptyFrame(stream);
+      };
+      agent.on_resolved_blocks = [this, i](const internal::GetResolvedBlocksRequest& request,
+                                           auto* response) {
+        ++asked_count_;
+        EXPECT_EQ(request.level(), 1U);
+        if (fails_) {
+          return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+        }
+        *response->mutable_blocks() =
+            wire::ToProto(std::vector<volume::BlockId>{static_cast<volume::BlockId>(i), 2});
+        response->set_active_block_count(7);
+        return grpc::Status::OK;
+      };
+    }
+  }
+  absl::StatusOr<v1::RenderStatistics> RenderAt(std::uint32_t level, bool with_notes) {
+    v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
+    request.set_culling(v1::CULLING_NONE);
+    request.mutable_level()->set_level(level);
+    request.set_with_notes(with_notes);
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response, Render(request));
+    return response.statistics();
+  }
+
+  std::atomic<int> asked_count_{0};
+  std::atomic<bool> fails_{false};
+};
+
+TEST_F(UnresolvedFramesTest, FramesWithNotesHaveThemCountedAndOthersTellWhatIsKnown) {
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, false));
+  EXPECT_FALSE(statistics.has_unresolved_block_count()) << "nobody waits for it";
+  EXPECT_EQ(asked_count_, 0);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, true));
+  EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3);
+  EXPECT_EQ(asked_count_, 2);
+  for (const bool with_notes : {false, true}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, with_notes));
+    EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3);
+  }
+  EXPECT_EQ(asked_count_, 2) << "it is kept";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(0, true));
+  EXPECT_FALSE(statistics.has_unresolved_block_count()) << "level 0 hides nothing";
+}
+
+TEST_F(UnresolvedFramesTest, APictureWithoutTheNumberIsStillRight) {
+  Start();
+  fails_ = true;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, true));
+  EXPECT_FALSE(statistics.has_unresolved_block_count());
+  fails_ = false;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, true));
+  EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3) << "a failure is not kept";
+}
+
 TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
   answer_.set_active_block_count(1);
   answer_.mutable_begin_cell();
