@@ -173,7 +173,7 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   EXPECT_THAT(capabilities.features(),
               ElementsAre("bands", "closed_meshes", "color_ranges", "dataset_id", "depth_bounds",
                           "draining_agents", "error_info", "fit_cells", "label_values", "labels",
-                          "nan_color", "notes", "pages", "smooth_labels"));
+                          "nan_color", "notes", "pages", "smooth_labels", "unresolved_count"));
 }
 
 TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {
