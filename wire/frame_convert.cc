@@ -314,6 +314,7 @@ absl::StatusOr<AskedFrame> AskedFrameFromProto(const v1::RenderIsosurfaceRequest
   asked.with_trace = request.with_trace();
   asked.allow_partial = request.allow_partial();
   asked.with_notes = request.with_notes();
+  asked.with_unresolved_count = request.with_unresolved_count();
   return asked;
 }
 

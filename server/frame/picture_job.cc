@@ -245,8 +245,8 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
   return absl::OkStatus();
 }
 
-// Agents read the level's active blocks for a number that is not known yet. Only frames that ask for
-// notes wait for that; others tell what is known.
+// Agents read the level's active blocks for a number that is not known yet. Only frames that ask for it
+// wait for that; others tell what is known.
 absl::Status PictureJob::FindUnresolved(const FrameTarget& target) {
   const frame::FrameSpec& spec = asked_.spec;
   if (spec.level == 0 || !cost_.missing_shards.empty()) {
@@ -259,7 +259,7 @@ absl::Status PictureJob::FindUnresolved(const FrameTarget& target) {
   for (const volume::InsideRule& rule : frame::RulesOf(spec)) {
     const std::string key = UnresolvedCounts::KeyOf(dataset.dataset_id(), rule, spec.level);
     std::optional<std::int64_t> count = runner_.unresolved_counts().Find(key);
-    if (!count.has_value() && !asked_.with_notes) {
+    if (!count.has_value() && !asked_.with_unresolved_count) {
       return absl::OkStatus();
     }
     if (!count.has_value()) {

@@ -86,6 +86,7 @@ absl::StatusOr<wire::AskedFrame> MovingFrameOf(
   request.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
   ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame moving, ConvertFrame(request));
   moving.with_notes = false;
+  moving.with_unresolved_count = false;
   moving.spec.effects.samples_per_side = 1;
   if (moving.spec.region.has_value()) {
     return moving;

@@ -97,6 +97,12 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
         "allowPartial is true: a picture over HTTP can't say what is missing in it; ask the "
         "coordinator");
   }
+  if (request.with_unresolved_count()) {
+    return absl::InvalidArgumentError(
+        "withUnresolvedCount is true: a picture over HTTP has no statistics; ask the coordinator, "
+        "or "
+        "/v1/interact");
+  }
   if (request.with_notes()) {
     return absl::InvalidArgumentError(
         "withNotes is true: a picture over HTTP has no notes on surfaces; ask the coordinator, or "

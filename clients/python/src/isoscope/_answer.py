@@ -299,6 +299,7 @@ class FrameParts:
         again.camera.CopyFrom(self._rest.camera)
         again.ClearField("camera_fit")
         again.ClearField("with_notes")
+        again.ClearField("with_unresolved_count")
         _set_ranges(again, self._rest)
         notes = tuple(map(_note, self._rest.notes))
         for note in notes:

@@ -58,7 +58,7 @@ class Statistics:
             missing.
         band_count: bands that the picture was drawn in, because the whole does not fit a memory limit; 1: at once.
         unresolved_block_count: active blocks of level 0 that the drawn level shows nothing of; no bound of what it
-            hides. None at level 0, and if it is not known.
+            hides. None at level 0, and if it is not known (`count_unresolved`).
         durations_ms: wall time by step, milliseconds: "occluder_selection", "occluder_rendering",
             "visibility_culling", "composite", "encode".
         agents: parts of the agents.

@@ -626,11 +626,11 @@ class UnresolvedFramesTest : public testing::FakeClusterTest {
       };
     }
   }
-  absl::StatusOr<v1::RenderStatistics> RenderAt(std::uint32_t level, bool with_notes) {
+  absl::StatusOr<v1::RenderStatistics> RenderAt(std::uint32_t level, bool counts) {
     v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
     request.set_culling(v1::CULLING_NONE);
     request.mutable_level()->set_level(level);
-    request.set_with_notes(with_notes);
+    request.set_with_unresolved_count(counts);
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response, Render(request));
     return response.statistics();
   }
@@ -639,7 +639,7 @@ class UnresolvedFramesTest : public testing::FakeClusterTest {
   std::atomic<bool> fails_{false};
 };
 
-TEST_F(UnresolvedFramesTest, FramesWithNotesHaveThemCountedAndOthersTellWhatIsKnown) {
+TEST_F(UnresolvedFramesTest, FramesThatAskHaveThemCountedAndOthersTellWhatIsKnown) {
   Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, false));
   EXPECT_FALSE(statistics.has_unresolved_block_count()) << "nobody waits for it";
@@ -647,8 +647,8 @@ TEST_F(UnresolvedFramesTest, FramesWithNotesHaveThemCountedAndOthersTellWhatIsKn
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, true));
   EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3);
   EXPECT_EQ(asked_count_, 2);
-  for (const bool with_notes : {false, true}) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, with_notes));
+  for (const bool counts : {false, true}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, counts));
     EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3);
   }
   EXPECT_EQ(asked_count_, 2) << "it is kept";

@@ -50,6 +50,7 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       {"allow_partial: true", "allowPartial is true"},
       {"allow_partial: true output { depth: true }", "output asks for"},
       {"with_notes: true", "withNotes is true"},
+      {"with_unresolved_count: true", "withUnresolvedCount is true"},
   };
   for (const Case& c : cases) {
     const absl::Status status = CheckAnswerable(Parse<v1::RenderIsosurfaceRequest>(c.request));
