@@ -346,10 +346,10 @@ TEST_F(DepthBoundsTest, EveryFragmentOfRandomFramesLiesBetweenTheBoundsOfItsPixe
     }
   }
   // The draws have all kinds of pixels.
-  EXPECT_GT(fragments, 50 * frame_count);
-  EXPECT_GT(caps, frame_count);
-  EXPECT_GT(background, 50 * frame_count);
-  EXPECT_GT(narrow, 10 * frame_count);
+  EXPECT_GT(fragments, 20 * frame_count);
+  EXPECT_GT(caps, frame_count / 10);
+  EXPECT_GT(background, 20 * frame_count);
+  EXPECT_GT(narrow, 3 * frame_count);
 }
 
 // 9 x 9 x 9 samples in blocks of 4 cells, seen along -z, four pixels a cell; depth grows with -z.
