@@ -86,6 +86,7 @@ HelpLayout HelpLayoutOfCommands() {
       {"Surfaces",
        {"--isovalue", "--surface", "--color", "--label", "--labels", "--smooth-labels",
         "--max-layers"}},
+      {"Levels", {}},
       {"Meshes", {"--close", "--min-component", "--simplify", "--simplify-error"}},
       {"Values", {"--values", "--histogram", "--bins", "--range", "--log"}},
       {"Field and time", {}},

@@ -118,6 +118,11 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject, const
                         .picture_revision = subject.picture_revision});
 }
 
+// Not set: the request has no choice.
+std::optional<v1::DrawnLevel> LevelOf(const v1::RenderIsosurfaceResponse& response) {
+  return response.has_drawn_level() ? std::optional(response.drawn_level()) : std::nullopt;
+}
+
 // Renders one frame, records its statistics and writes its trace.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
     const v1::RenderIsosurfaceRequest& plain_request, const std::optional<std::string>& trace_path,
@@ -132,6 +137,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - start),
                      .statistics = response.statistics(),
                      .request = plain_request,
+                     .drawn_level = LevelOf(response),
                      .notes = {response.notes().begin(), response.notes().end()}});
   if (trace_path) {
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
@@ -248,9 +254,13 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::Dataset& dataset,
     // The server resolves the camera once: the other regions use the camera of the first.
     *region_request.mutable_camera() = response.camera();
     region_request.clear_camera_fit();
+    if (response.has_drawn_level()) {
+      region_request.mutable_level()->set_level(response.drawn_level().level());
+    }
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - region_start),
                        .statistics = std::move(*response.mutable_statistics()),
-                       .request = whole});
+                       .request = whole,
+                       .drawn_level = LevelOf(response)});
     absl::StatusOr<image::RgbaImage> image = ImageOfRaw(response);
     if (image.ok() && shown) {
       shown->Add(region.x, region.y, *image);
@@ -328,6 +338,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& 
   }
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
+  client::SetLevel(flags.level, &request);
   if (subject.has_color_ranges) {
     client::AddCommonCapWindow(flags.look, &request);
   }
@@ -343,8 +354,9 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& 
   return request;
 }
 
-// Describes the picture: its file, its size, and the number of frames of an animation.
-std::string DescribeResult(const RenderFlags& flags) {
+// Describes the picture: its file, its size, the number of frames of an animation, and the level of
+// the last one.
+std::string DescribeResult(const RenderFlags& flags, const v1::RenderIsosurfaceResponse& last) {
   const int frame_count = flags.sweep.frame_count();
   const std::string name = flags.is_to_stdout() ? "standard output"
                            : flags.output       ? FrameFileName(*flags.output, frame_count - 1)
@@ -352,7 +364,8 @@ std::string DescribeResult(const RenderFlags& flags) {
                                                             : "picture";
   return absl::StrCat(
       name, ": ", flags.request.image_size().width_px, " x ", flags.request.image_size().height_px,
-      " pixels", client::IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames") : "");
+      " pixels", client::IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames") : "",
+      last.has_drawn_level() ? absl::StrCat(", ", client::TextOfLevel(last.drawn_level())) : "");
 }
 
 // Draws all frames and writes their pictures. Returns the last answer.
@@ -426,7 +439,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   if (flags.stats) {
     TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n";
   }
-  TextOut(flags, context) << DescribeResult(flags) << "\n";
+  TextOut(flags, context) << DescribeResult(flags, last) << "\n";
   return absl::OkStatus();
 }
 

@@ -30,6 +30,9 @@ export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) =>
 /** @param {string} name */
 export const quantityToJson = (name) => QUANTITIES[name];
 
+/** The highest level that any dataset may have. */
+const MAX_LEVEL = 23;
+
 /** The window of the samples on cuts that clients ask for: percentiles of the samples inside. */
 export const CAP_WINDOW = { percentiles: { low: 2, high: 98 } };
 
@@ -180,6 +183,8 @@ const FLAG_VALUES = {
   ...Object.fromEntries(EFFECTS.map((effect) => [effect.flag, (/** @type {FrameRequest} */ state) =>
     state[effect.json] ? [effectToWords(effect, state[effect.json])] : []])),
   'max-layers': ({ maxLayers }) => maxLayers ? [String(maxLayers)] : [],
+  level: ({ level }) => level?.level == null ? [] : [String(level.level)],
+  'max-spacing': ({ level }) => level?.maxSpacingPx ? [String(level.maxSpacingPx)] : [],
   background: ({ backgroundColor: color }) => color ? [`${rgb(color)}${color.alpha === 1 ? '' : `,${color.alpha ?? 0}`}`] : [],
 };
 export const FLAGS = Object.keys(FLAG_VALUES);
@@ -373,6 +378,15 @@ class Link {
   /** @param {Record<string, any>} part of the field and time that are shown */
   select(part) {
     this.state.selection = { ...this.state.selection, ...part };
+  }
+
+  /** @param {string} name @param {string} text @param {{level: number} | {maxSpacingPx: number}} choice */
+  chooseLevel(name, text, choice) {
+    if (this.state.level) {
+      this.refuse(name, text, 'the link has another word that chooses the level.');
+    } else {
+      this.state.level = choice;
+    }
   }
 
   /** @param {string} name @param {string} text @param {string} why */
@@ -596,6 +610,22 @@ const WORDS = {
   'max-layers': (link, value) => {
     const layers = link.numbers('max-layers', value, 1);
     link.state.maxLayers = layers ? Math.round(layers[0]) : undefined;
+  },
+  level: (link, value) => {
+    const level = value.trim() === '' ? NaN : Number(value);
+    if (Number.isInteger(level) && level >= 0 && level <= MAX_LEVEL) {
+      link.chooseLevel('level', value, { level });
+    } else {
+      link.refuse('level', value, `it is the number of a level, from 0, which is exact, to ${MAX_LEVEL}.`);
+    }
+  },
+  'max-spacing': (link, value) => {
+    const spacing = link.numbers('max-spacing', value, 1);
+    if (spacing && spacing[0] > 0) {
+      link.chooseLevel('max-spacing', value, { maxSpacingPx: spacing[0] });
+    } else if (spacing) {
+      link.refuse('max-spacing', value, 'it needs a number of pixels above 0.');
+    }
   },
   'nan-color': (link, value) => {
     const color = link.color('nan-color', value);

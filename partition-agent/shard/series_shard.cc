@@ -135,6 +135,7 @@ std::shared_ptr<const SeriesShard::Served> SeriesShard::FindVolumes(
     // Partitioning and careful copies write the manifest of a folder last.
     const std::string directory = DirectoryOf(volume);
     if (!io::PathExists(ManifestPath(directory))) {
+      served->lacks_folders = true;
       continue;
     }
     served->volumes.push_back(volume);
@@ -142,6 +143,8 @@ std::shared_ptr<const SeriesShard::Served> SeriesShard::FindVolumes(
     for (int level = 1; level <= volume.highest_level; ++level) {
       if (io::PathExists(ManifestPath(store::LevelDirectory(directory, level)))) {
         levels.push_back(level);
+      } else {
+        served->lacks_folders = true;
       }
     }
   }
@@ -175,8 +178,7 @@ void SeriesShard::Refresh() {
 void SeriesShard::RefreshAlone() {
   const std::shared_ptr<const Served> before = served();
   const io::FileStamp stamp = io::StampOf(ManifestPath(directory_));
-  const bool lacks_folders = before->volumes.size() < before->manifest.volumes.size();
-  if (stamp == stamp_ && !lacks_folders) {
+  if (stamp == stamp_ && !before->lacks_folders) {
     return;
   }
   absl::StatusOr<store::SeriesShard> shard = ReadAgain(*before);
@@ -266,7 +268,8 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(const std::
   std::uint32_t number = 0;
   {
     const base::MutexLock lock(&mutex_);
-    const auto [entry, is_new] = numbers_.try_emplace(absl::StrCat(dataset_id, "/", level), 0);
+    const auto filter = level == 0 ? volume::LevelFilter::kMean : volume->level_filter;
+    const auto [entry, is_new] = numbers_.try_emplace({dataset_id, level, filter}, 0);
     if (is_new) {
       entry->second = NextShardNumber();
     }
@@ -301,8 +304,14 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenNow(const VolumeTo
     ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(wanted));
     return open_volumes_->Add(std::move(shard));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> whole,
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> whole,
                             OpenVolume(wanted.volume.dataset_id, wanted.opening));
+  const store::Manifest& manifest = whole->reader->manifest();
+  if (manifest.highest_level() != wanted.volume.highest_level ||
+      manifest.level_filter != wanted.volume.level_filter) {
+    // Levels were added or dropped since: a frame of level 0 needs nothing of that, this one does.
+    ISOSCOPE_ASSIGN_OR_RETURN(whole, ReadVolume(wanted));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
                             OpenLevel(*whole, wanted.level, wanted.number));
   return open_volumes_->Add(std::move(shard));

@@ -22,6 +22,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -31,6 +32,7 @@
 #include "core/base/mutex.h"
 #include "core/io/file_stamp.h"
 #include "core/store/series_manifest.h"
+#include "core/volume/volume_level.h"
 #include "partition-agent/shard/shard.h"
 
 namespace isoscope::agent {
@@ -70,6 +72,7 @@ class SeriesShard {
     std::uint32_t manifest_crc32c = 0;
     std::vector<store::ScalarVolume> volumes;  // whose folders are there, ascending by key
     std::vector<std::vector<int>> levels;      // of each volume: those whose folders are there
+    bool lacks_folders = false;                // of volumes or levels that the manifest names
   };
 
   // The steps of one field's component that are served, and one of them.
@@ -163,8 +166,9 @@ class SeriesShard {
   std::string last_error_ ABSL_GUARDED_BY(refreshing_);  // each is logged once
   mutable base::Mutex mutex_;
   std::shared_ptr<const Served> served_ ABSL_GUARDED_BY(mutex_);
-  // By dataset id and level, of volumes that were opened once.
-  std::map<std::string, std::uint32_t> numbers_ ABSL_GUARDED_BY(mutex_);
+  // Of volumes that were opened once, by dataset id, level and filter.
+  std::map<std::tuple<std::string, int, volume::LevelFilter>, std::uint32_t> numbers_
+      ABSL_GUARDED_BY(mutex_);
   std::set<std::uint32_t> opening_ ABSL_GUARDED_BY(mutex_);  // numbers of volumes
   base::CondVar opened_;
 };

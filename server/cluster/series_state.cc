@@ -155,11 +155,27 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   return absl::OkStatus();
 }
 
-// A digest of the offered volumes of each step. O(volumes).
+// "" for a volume without levels, whose digest is as it was before there were levels.
+std::string TextOfLevels(const SeriesState& series, const ScalarVolumeKey& key,
+                         const std::string& id) {
+  const auto& [shard, owners] = *series.owners.begin();
+  const bool may_have_levels = std::any_of(
+      owners.begin(), owners.end(), [&](const auto& owner) { return owner.levels.count(id) > 0; });
+  std::string text;
+  if (may_have_levels) {
+    for (const ServedLevel& served : LevelsOf(series, key)) {
+      absl::StrAppend(&text, " ", served.level, ":", volume::NameOf(served.filter));
+    }
+  }
+  return text;
+}
+
+// A digest of the offered volumes of each step, and their levels. O(volumes * shards).
 std::map<int, std::string> DigestsOfSteps(const SeriesState& series) {
   std::map<int, std::string> digests;  // first what is digested
   for (const auto& [key, id] : series.offered) {
-    absl::StrAppend(&digests[key.step], key.field, " ", key.component, " ", id, "\n");
+    absl::StrAppend(&digests[key.step], key.field, " ", key.component, " ", id,
+                    TextOfLevels(series, key, id), "\n");
   }
   constexpr std::size_t kDigits = 32;
   for (auto& [step, digest] : digests) {

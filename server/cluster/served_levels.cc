@@ -38,7 +38,7 @@ std::map<int, std::vector<ShardOwner>> OwnersOfLevel(
 }
 
 // "level 0 alone; ..." or "levels 0, 1, 2".
-std::string TextOfLevels(const std::vector<ServedLevel>& levels) {
+std::string TextOfServed(const std::vector<ServedLevel>& levels) {
   if (levels.empty()) {
     return "level 0 alone; `isoscope partition --add-levels` makes others";
   }
@@ -67,7 +67,7 @@ absl::StatusOr<const ServedLevel*> FindNamed(const std::vector<ServedLevel>& lev
   if (found == levels.end()) {
     return absl::FailedPreconditionError(
         absl::StrCat("level is ", named, ": dataset \"", dataset.name(), "\" is served with ",
-                     TextOfLevels(levels), "; leave the level out, or give max_spacing_px"));
+                     TextOfServed(levels), "; leave the level out, or give max_spacing_px"));
   }
   if (const std::optional<std::size_t> misfit = FirstMisfit(rules, found->filter);
       misfit.has_value()) {

@@ -72,6 +72,20 @@ std::string ColorRangesOf(const v1::RenderIsosurfaceResponse& rendered) {
   return ranges.empty() ? "" : absl::StrCat("{", absl::StrJoin(ranges, ","), "}");
 }
 
+// The levels that a choice is among: they may be added and dropped while the id stays. Empty: the
+// request is of level 0, whatever there is.
+std::string LevelsOf(const v1::RenderIsosurfaceRequest& request, const v1::Dataset& dataset) {
+  if (!request.has_level() ||
+      (request.level().choice_case() == v1::LevelChoice::kLevel && request.level().level() == 0)) {
+    return "";
+  }
+  std::string levels = "levels";
+  for (const v1::DatasetLevel& level : dataset.levels()) {
+    absl::StrAppend(&levels, " ", level.level(), ":", static_cast<int>(level.filter()));
+  }
+  return levels;
+}
+
 PictureCaching NoCaching() { return {.etag = "", .headers = {{"Cache-Control", "no-store"}}}; }
 
 }  // namespace
@@ -128,6 +142,7 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
     digest = DigestOfStep(*selection, dataset);
   }
   const std::string bytes = Serialize(*request);
+  const std::string levels = LevelsOf(*request, dataset);
   const std::string ranges = RangesOfColors(*request, dataset);
   std::vector<absl::string_view> parts = {dataset.dataset_id(), picture_revision, bytes};
   if (!ranges.empty()) {
@@ -135,6 +150,9 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
   }
   if (!digest.empty()) {
     parts.emplace_back(digest);
+  }
+  if (!levels.empty()) {
+    parts.emplace_back(levels);
   }
   // Annotations show names and units of the dataset, which its id does not tell.
   const std::string described = extras_key.empty() ? "" : Serialize(dataset);
@@ -146,7 +164,7 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
   // The id of a dataset names its first step alone.
   const bool is_named = request->selection().time_step() == 0;
   const bool is_immutable =
-      is_by_id && is_named && !may_change && ranges.empty() && extras_key.empty();
+      is_by_id && is_named && !may_change && ranges.empty() && levels.empty() && extras_key.empty();
   return {.etag = etag,
           .headers = {{"ETag", etag},
                       {"Cache-Control",
@@ -167,6 +185,9 @@ HttpResponse PictureResponse(const v1::RenderIsosurfaceRequest& request,
   }
   if (rendered.has_time()) {
     response.headers.emplace_back("X-Isoscope-Time", ToJson(rendered.time()));
+  }
+  if (rendered.has_drawn_level()) {
+    response.headers.emplace_back("X-Isoscope-Level", ToJson(rendered.drawn_level()));
   }
   if (std::string ranges = ColorRangesOf(rendered); !ranges.empty()) {
     response.headers.emplace_back("X-Isoscope-Color-Ranges", std::move(ranges));

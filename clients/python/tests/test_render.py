@@ -362,8 +362,8 @@ def test_messages_with_every_field_reach_the_server():
     assert fields - {"with_trace"} == {
         "dataset", "isovalue", "camera", "viewport", "culling", "base_color", "background_color", "ray_seed",
         "surfaces", "clip", "lights", "camera_fit", "region", "output", "ambient_occlusion", "silhouette", "samples",
-        "max_layers", "caps", "allow_partial", "dataset_id", "selection", "nan_color", "with_notes",
-        "level", "with_unresolved_count",
+        "max_layers", "caps", "allow_partial", "dataset_id", "selection", "nan_color", "with_notes", "level",
+        "with_unresolved_count",
     }  # fmt: skip
 
 

@@ -10,6 +10,7 @@
 
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/volume_level.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -51,6 +52,7 @@ void RequireFrame(const frame::FrameSpec& spec) {
       Require(std::isfinite(label), "an accepted label is finite");
     }
   }
+  Require(spec.level >= 0 && spec.level <= volume::kMaxLevel, "an accepted level may exist");
   if (spec.camera) {
     Require(wire::CameraFromProto(wire::ToProto(*spec.camera), "camera").ok(),
             "an accepted camera comes back from its message");

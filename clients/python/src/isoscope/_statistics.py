@@ -63,6 +63,7 @@ class Statistics:
             "visibility_culling", "composite", "encode".
         agents: parts of the agents.
         surfaces: by surface, in the order of the request.
+        level: whose blocks, triangles and vertices these are.
     """
 
     active_block_count: int
@@ -83,6 +84,7 @@ class Statistics:
     durations_ms: dict[str, float] = field(default_factory=dict)
     agents: tuple[AgentStatistics, ...] = ()
     surfaces: tuple[SurfaceStatistics, ...] = ()
+    level: int = 0
 
     @property
     def seconds(self) -> float:

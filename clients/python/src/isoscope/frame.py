@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from isoscope import _png
 from isoscope.camera import Camera
-from isoscope.data import CapsColoring, PickedPoint, Statistics, SurfaceColoring, SurfaceNote
+from isoscope.data import CapsColoring, DrawnLevel, PickedPoint, Statistics, SurfaceColoring, SurfaceNote
 from isoscope.errors import IsoscopeError
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class Frame:
         jpeg: the picture as JPEG; None unless asked for.
         field, component: what the surfaces are of; None if the dataset has no fields, or the field no components.
         step, time: number of the time step, and its time; None if the dataset has no times.
+        level: the level that was drawn; None if `render` was not asked to choose one: then it is 0.
     """
 
     width: int
@@ -76,6 +77,7 @@ class Frame:
     component: str | None = None
     step: int | None = None
     time: float | None = None
+    level: DrawnLevel | None = None
 
     @property
     def png(self) -> bytes:

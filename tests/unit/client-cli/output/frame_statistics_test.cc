@@ -156,5 +156,23 @@ TEST(FrameStatisticsTest, TablesShowEveryFrameAndTheLastFramesAgents) {
   EXPECT_THAT(two, HasSubstr("Agents of the last frame:"));
 }
 
+TEST(FrameStatisticsTest, ALevelIsToldIfItWasChosen) {
+  FrameRecord frame = SampleFrame();
+  EXPECT_EQ(DescribeLevels({frame}), "");
+  frame.drawn_level.emplace();
+  frame.drawn_level->set_level(2);
+  frame.drawn_level->set_max_spacing_px(0.75);
+  frame.drawn_level->mutable_spacing()->set_x(4);
+  const Json json = Json::parse(StatisticsJson({frame}))["frames"][0];
+  EXPECT_EQ(json["level"], 2);
+  EXPECT_EQ(json["max_spacing_px"], 0.75);
+  EXPECT_EQ(json["spacing"], Json::parse("[4.0, 0.0, 0.0]"));
+  EXPECT_EQ(DescribeLevels({frame}), "\nDrawn from level 2, 1 sample = 0.75 px\n");
+  FrameRecord finer = frame;
+  finer.drawn_level->set_level(1);
+  EXPECT_EQ(DescribeLevels({frame, finer, frame}),
+            "\nDrawn from level 1 (1 frames), level 2 (2 frames)\n");
+}
+
 }  // namespace
 }  // namespace isoscope::cli
