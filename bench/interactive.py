@@ -132,8 +132,11 @@ def camera_of(dataset, arguments, degrees=0):
     return dataset.camera('front', arguments.azimuth, arguments.elevation).azimuth(degrees)
 
 
-def size_of(arguments):
-    return arguments.width, arguments.height
+def look_of(dataset, arguments, degrees=0):
+    """What `render` gets; levels only if they are asked for, so that servers without them can be measured."""
+    look = {'isovalue': arguments.isovalue, 'camera': camera_of(dataset, arguments, degrees),
+            'size': (arguments.width, arguments.height), 'level': arguments.level, 'max_spacing': arguments.max_spacing}
+    return {word: value for word, value in look.items() if value is not None}
 
 
 # ------------------------------------------------------------------------------------------------ drag
@@ -188,8 +191,7 @@ class Dragging:
 
     def look(self, state):
         degrees = state * self.arguments.degrees / self.arguments.states
-        return {'isovalue': self.arguments.isovalue, 'camera': camera_of(self.dataset, self.arguments, degrees),
-                'size': size_of(self.arguments)}
+        return look_of(self.dataset, self.arguments, degrees)
 
     async def run(self):
         await self.dataset.render(**self.look(0))
@@ -301,7 +303,7 @@ def slide(dataset, arguments, pid):
         time.sleep(arguments.pause_ms / 1e3)
         isovalue = arguments.isovalue + (arguments.to - arguments.isovalue) * step / (arguments.steps - 1)
         resident_mib, start_ms = resident_mib_of(pid) if pid else 0, now_ms()
-        pictures.append(dataset.render(isovalue, camera=camera_of(dataset, arguments), size=size_of(arguments)).png)
+        pictures.append(dataset.render(**{**look_of(dataset, arguments), 'isovalue': isovalue}).png)
         if step >= 2:
             one.times_ms.append(now_ms() - start_ms)
             one.grown_mib.append(resident_mib_of(pid) - resident_mib if pid else 0)
@@ -404,7 +406,7 @@ async def run_round(count, address, look, picture, arguments):
 async def clients(arguments):
     with isoscope.connect(arguments.server) as client:
         dataset = client.dataset(arguments.dataset)
-        look = {'isovalue': arguments.isovalue, 'camera': camera_of(dataset, arguments), 'size': size_of(arguments)}
+        look = look_of(dataset, arguments)
         picture = dataset.render(**look).png
     rounds = [await run_round(count, arguments.server, {**look, 'dataset': dataset.name}, picture, arguments)
               for count in arguments.clients]
@@ -506,8 +508,8 @@ class Cancelling:
 
     async def render(self):
         self.frame_count += 1
-        camera = camera_of(self.dataset, self.arguments, self.frame_count * self.ORBIT_DEGREES)
-        await self.dataset.render(self.arguments.isovalue, camera=camera, size=size_of(self.arguments), timeout=3600)
+        look = look_of(self.dataset, self.arguments, self.frame_count * self.ORBIT_DEGREES)
+        await self.dataset.render(**look, timeout=3600)
 
     async def time_of_frame(self):
         start_ms = now_ms()
@@ -600,6 +602,10 @@ def make_parser():
         one.add_argument('--elevation', type=float, default=elevation)
         one.add_argument('--width', type=number_in(1, 65536, int), default=1024)
         one.add_argument('--height', type=number_in(1, 65536, int), default=1024)
+        level = one.add_mutually_exclusive_group()
+        level.add_argument('--level', type=number_in(0, 23, int), help='of the dataset that is drawn')
+        level.add_argument('--max-spacing', type=number_in(0, math.inf), metavar='PX',
+                           help='the coarsest level whose samples are at most so many pixels apart')
         one.add_argument('--renderer', choices=['auto', 'egl', 'cpu'], default='auto', help='of agents that are started')
         one.add_argument('--bin', type=pathlib.Path, default=os.environ.get('ISOSCOPE_BIN', ROOT / 'build/release/bin'),
                          help='folder of the programs that are started')

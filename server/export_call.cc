@@ -119,9 +119,9 @@ class IsosurfaceServiceImpl::ExportCall final
   void OnDone() override {
     call_.timeout().Stop();
     signs_.Stop();
+    pace_.Stop();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
     const base::MutexLock lock(&end_mutex_);  // the service may be destroyed after this
-    pace_.Stop();
   }
 
  private:
@@ -137,7 +137,7 @@ class IsosurfaceServiceImpl::ExportCall final
   void Run(const absl::Status& turn) ABSL_LOCKS_EXCLUDED(end_mutex_) {
     const base::MonotonicTime start = base::MonotonicNow();
     if (turn.ok()) {
-      pace_.Start(options_.export_limits, [self = shared_from_this()] { self->JudgePace(); });
+      pace_.Start(options_.export_limits, [this] { JudgePace(); });
     }
     absl::Status status = turn.ok() ? Export() : turn;
     {

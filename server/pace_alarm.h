@@ -19,15 +19,17 @@
 
 namespace isoscope::server {
 
-// Thread-safe. Part of a call's reactor, which calls Stop in OnDone.
+// Thread-safe. Part of a call's reactor, which calls Stop in OnDone. gRPC's threads keep a callback
+// for a while after its alarm: so a callback has only the bell, which outlives the call and its
+// service, and what rings is gone after Stop.
 class PaceAlarm {
  public:
-  // Judges from now on. `ring` is called on gRPC's threads until Stop, and then calls Judge. It may
-  // own the alarm.
+  // Judges from now on. `ring` is called on gRPC's threads until Stop, and then calls Judge.
   void Start(const ExportLimits& limits, std::function<void()> ring) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock bell_lock(&bell_->mutex);
     const base::MutexLock lock(&mutex_);
     if (!is_stopped_) {
-      ring_ = std::move(ring);
+      bell_->ring = std::move(ring);
       pace_.emplace(limits, base::MonotonicNow());
       SetAlarm();
     }
@@ -57,11 +59,14 @@ class PaceAlarm {
     }
     return verdict;
   }
+  // Waits for a `ring` in work; afterwards nothing rings, and the function is gone. The caller holds
+  // no lock that `ring` takes.
   void Stop() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock bell_lock(&bell_->mutex);
+    bell_->ring = nullptr;
     const base::MutexLock lock(&mutex_);
     is_stopped_ = true;
     alarm_.reset();
-    ring_ = nullptr;
   }
   [[nodiscard]] bool is_stopped() ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
@@ -71,16 +76,26 @@ class PaceAlarm {
  private:
   void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(pace_->NextJudgement(base::MonotonicNow()), [ring = ring_](bool rang) {
-      if (rang) {
-        ring();
+    alarm_->Set(pace_->NextJudgement(base::MonotonicNow()), [bell = bell_](bool rang) {
+      if (!rang) {
+        return;  // maybe within Stop
+      }
+      const base::MutexLock lock(&bell->mutex);
+      if (bell->ring != nullptr) {
+        bell->ring();
       }
     });
   }
 
+  // Locked before mutex_.
+  struct Bell {
+    base::Mutex mutex;
+    std::function<void()> ring ABSL_GUARDED_BY(mutex);
+  };
+
   base::Mutex mutex_;
   std::optional<ExportPace> pace_ ABSL_GUARDED_BY(mutex_);  // none: before Start
-  std::function<void()> ring_ ABSL_GUARDED_BY(mutex_);
+  const std::shared_ptr<Bell> bell_ = std::make_shared<Bell>();
   std::size_t in_flight_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;

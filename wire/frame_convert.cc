@@ -206,6 +206,15 @@ absl::Status SetClipAndLayers(const Message& proto, frame::FrameSpec* spec) {
   return absl::OkStatus();
 }
 
+// Agents get numbers: where a range comes from is the coordinator's matter.
+template <typename Map>
+void KeepNumbers(Map* map) {
+  if (map->range().source() != v1::ColorRange::SOURCE_UNSPECIFIED ||
+      map->range().has_percentiles()) {
+    map->clear_range();
+  }
+}
+
 // Sets everything that agents draw, from a request or from the internal message. Their fields have
 // the same names.
 template <typename Message>
@@ -259,7 +268,11 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
 isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec) {
   isoscope::internal::v1::FrameSpec proto;
   for (const frame::Surface& surface : spec.surfaces) {
-    *proto.add_surfaces() = ToProto(surface);
+    v1::Surface& added = *proto.add_surfaces();
+    added = ToProto(surface);
+    if (added.has_color_by()) {
+      KeepNumbers(added.mutable_color_by());
+    }
   }
   *proto.mutable_viewport() = ToProto(spec.viewport);
   if (spec.region.has_value()) {
@@ -273,6 +286,7 @@ isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec) {
   *proto.mutable_clip() = ToProto(spec.clip);
   if (spec.caps.has_value()) {
     *proto.mutable_caps() = ToProto(*spec.caps);
+    KeepNumbers(proto.mutable_caps());
   }
   proto.set_max_layers(spec.max_layers);
   for (const frame::Light& light : spec.lights) {

@@ -33,8 +33,8 @@ namespace isoscope::wire {
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request);
 
-// Converts the part of a frame that agents draw: all but nan_color, output and effects.
-// FrameSpecFromProto gives the same bits back, if the camera came from a message.
+// Converts the part of a frame that agents draw: all but nan_color, output, effects and sources of
+// ranges. FrameSpecFromProto gives the same bits back, if the camera came from a message.
 isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec);
 // Checks the members as those of a request. The camera stays unset if the message has none.
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const isoscope::internal::v1::FrameSpec& proto);

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/base/memory_info.h"
+#include "core/frame/output_spec.h"
+
 namespace isoscope::wire {
 namespace {
 
@@ -60,10 +63,40 @@ bool ResponseSplitter::Next(RenderIsosurfaceResponse* part) {
   if (plane_ == planes_.size()) {
     return false;
   }
-  const std::size_t size = std::min(kMaxPartBytes, planes_[plane_].size() - offset_);
-  kBytesFields[plane_].mutable_bytes(part)->assign(planes_[plane_], offset_, size);
+  std::string& plane = planes_[plane_];
+  const std::size_t size = std::min(kMaxPartBytes, plane.size() - offset_);
+  kBytesFields[plane_].mutable_bytes(part)->assign(plane, offset_, size);
+  base::ReturnPages(plane.data() + offset_, size);
   offset_ += size;
   return true;
+}
+
+void ReserveRaw(const isoscope::v1::OutputOptions& output, std::size_t max_bytes,
+                RenderIsosurfaceResponse* response) {
+  using isoscope::v1::OutputOptions;
+  const auto pixels = static_cast<std::size_t>(std::max(response->extent().width_px(), 0)) *
+                      static_cast<std::size_t>(std::max(response->extent().height_px(), 0));
+  const std::pair<std::string* (RenderIsosurfaceResponse::*)(), std::size_t> pixel_bytes[] = {
+      {&RenderIsosurfaceResponse::mutable_rgba8,
+       output.image_format() == OutputOptions::IMAGE_FORMAT_RGBA8 ? frame::kRgba8Bytes : 0},
+      {&RenderIsosurfaceResponse::mutable_depth, output.depth() ? frame::kDepthBytes : 0},
+      {&RenderIsosurfaceResponse::mutable_surface_index,
+       output.surface_index() ? frame::kSurfaceIndexBytes : 0},
+      {&RenderIsosurfaceResponse::mutable_position, output.position() ? frame::kPositionBytes : 0},
+      {&RenderIsosurfaceResponse::mutable_normal, output.normal() ? frame::kNormalBytes : 0},
+  };
+  std::size_t sum = 0;
+  for (const auto& [field, bytes] : pixel_bytes) {
+    sum += bytes;
+  }
+  if (sum == 0 || pixels > max_bytes / sum) {
+    return;
+  }
+  for (const auto& [field, bytes] : pixel_bytes) {
+    if (bytes > 0) {
+      (response->*field)()->reserve(pixels * bytes);
+    }
+  }
 }
 
 void AppendPart(RenderIsosurfaceResponse part, RenderIsosurfaceResponse* response) {

@@ -14,6 +14,7 @@ namespace isoscope::wire {
 // The most bytes of picture or plane in a part: less than gRPC's default limit of 4 MiB.
 inline constexpr std::size_t kMaxPartBytes = std::size_t{1} << 20;
 
+// Frees the bytes that it has cut off: a response and its parts are never there twice.
 // Thread-compatible.
 class ResponseSplitter {
  public:
@@ -30,6 +31,12 @@ class ResponseSplitter {
   std::size_t plane_ = 0;
   std::size_t offset_ = 0;  // in that plane
 };
+
+// Makes room for planes and raw pictures that are asked for and have not come, so that AppendPart
+// does not move them. Does nothing if they take more than `max_bytes`. REQUIRES: the first part was
+// added. May throw std::bad_alloc.
+void ReserveRaw(const isoscope::v1::OutputOptions& output, std::size_t max_bytes,
+                isoscope::v1::RenderIsosurfaceResponse* response);
 
 // Adds a part to what has come before: appends `bytes` fields, takes all others.
 void AppendPart(isoscope::v1::RenderIsosurfaceResponse part,

@@ -119,6 +119,15 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
 
 int LongerSide(const view::Viewport& size) { return std::max(size.width_px, size.height_px); }
 
+// The strips of a poster are encoded in the process that draws them, which --memory-limit bounds.
+std::int64_t MaxStripBytes(const SessionFlags& session) {
+  constexpr std::int64_t kStripShare = 24;  // of the limit, with its copies an eighth
+  return session.memory_limit_bytes.has_value()
+             ? std::clamp(*session.memory_limit_bytes / kStripShare, std::int64_t{1},
+                          client::kMaxStripBytes)
+             : client::kMaxStripBytes;
+}
+
 // Whether the picture, or a poster's regions, can have the samples of `effects`.
 bool CanDraw(const RenderFlags& flags, const client::EffectFlags& effects) {
   // The mask's culling draws no bands.
@@ -134,7 +143,8 @@ bool RenderFlags::is_poster() const {
 }
 
 view::Viewport RenderFlags::region_size() const {
-  return client::RegionSizeOf(request.viewport(), effects.max_region_side_px());
+  return client::RegionSizeOf(request.viewport(), effects.max_region_side_px(),
+                              MaxStripBytes(session));
 }
 
 view::Viewport RenderFlags::drawn_size() const {
@@ -231,7 +241,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
           "--legend shows what the colours of --color-by and of --caps MAP mean: give one of them");
     }
     ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
-    return CheckUsage(flags.sweep, flags.output.value_or(""));
+    return CheckUsage(flags.sweep, flags.request.selection, flags.output.value_or(""));
   }
   if (flags.request.culling == frame::Culling::kMask) {
     return UsageError("--culling mask can't be used with --like: it is approximate");

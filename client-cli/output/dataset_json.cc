@@ -21,6 +21,7 @@
 
 #include "client-cli/output/info_lines.h"
 #include "client-cli/output/label_json.h"
+#include "client-cli/output/level_json.h"
 #include "client-cli/output/series_json.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
@@ -277,6 +278,9 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
                               {"block_count", manifest.shards[i].block_count},
                               {"block_bytes", manifest.shards[i].block_bytes}});
   }
+  if (manifest.highest_level() > 0) {
+    json["levels"] = LevelsToJson(manifest, description.shard_directories);
+  }
   return json;
 }
 
@@ -328,6 +332,7 @@ std::string DescribeDataset(const Json& dataset, int max_width) {
   if (is_folder) {
     line("distribution",
          absl::StrCat(TextOf(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
+    absl::StrAppend(&text, DescribeLevels(dataset));
   }
   if (dataset.contains("fields")) {
     absl::StrAppend(&text, is_series_folder ? "" : DescribeSteps(dataset), "\n",

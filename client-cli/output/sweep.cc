@@ -24,8 +24,9 @@ absl::Status CheckSeveral(const std::string& output, int count, const std::strin
 
 }  // namespace
 
-absl::Status CheckUsage(const client::SweepFlags& flags, const std::string& output) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+absl::Status CheckUsage(const client::SweepFlags& flags, const client::SelectionFlags& selection,
+                        const std::string& output) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags, selection));
   if (client::IsAnimationName(output)) {
     return HasFrameNumber(output)
                ? UsageError(absl::StrCat("--output '", output,

@@ -16,9 +16,10 @@
 
 namespace isoscope::cli {
 
-// UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
-// of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
-absl::Status CheckUsage(const client::SweepFlags& flags, const std::string& output);
+// UsageError if the flags do not fit each other, a step beside that of `selection`, or the name of
+// the output (CheckFrameName): a sweep of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
+absl::Status CheckUsage(const client::SweepFlags& flags, const client::SelectionFlags& selection,
+                        const std::string& output);
 
 // "frame 12 of 72   4 s left": `done_count` frames took `elapsed`.
 std::string FormatFrameProgress(int done_count, int frame_count, absl::Duration elapsed);

@@ -243,11 +243,9 @@ class Viewer {
 };
 
 ViewedSurfaces Viewer::Surfaces() const {
-  ViewedSurfaces shown{.isovalue = controls_.isovalue(), .labels = labels_, .level = level_};
-  if (const std::optional<std::size_t> alone = controls_.label_alone()) {
-    shown.labels = {labels_[*alone]};
-  }
-  return shown;
+  return {.isovalue = controls_.isovalue(),
+          .labels = ShownLabels(labels_, controls_.labels()),
+          .level = level_};
 }
 
 v1::RenderIsosurfaceRequest Viewer::Frame() const {
@@ -292,12 +290,8 @@ std::string Viewer::DescribeSurfaces() const {
   if (controls_.isovalue()) {
     parts.push_back(absl::StrFormat("isovalue %.6g", *controls_.isovalue()));
   }
-  if (const std::optional<std::size_t> alone = controls_.label_alone()) {
-    parts.push_back(
-        absl::StrCat(labels_[*alone].name, " (", *alone + 1, " of ", labels_.size(), ")"));
-  } else if (!labels_.empty()) {
-    parts.push_back(labels_.size() == 1 ? labels_[0].name
-                                        : absl::StrCat(labels_.size(), " labels"));
+  if (!labels_.empty()) {
+    parts.push_back(DescribeLabels(labels_, controls_.labels()));
   }
   return absl::StrJoin(parts, ", ");
 }

@@ -6,6 +6,7 @@
 //   , .           roll the up vector by 5 degrees
 //   [ ]           move the isovalue to a multiple of its step: 1, 2 or 5 times a power of ten
 //   n N           show the next, the previous label alone; behind the last one, all
+//   x d a         hide the label, dim the others, show all (label_choice)
 //
 // For values of 0 to 255 the step is 2, so [ leads from 100 to 98. `1` to `6` count the named views
 // that the volume has: those of the patient if it knows one, else those of the world.
@@ -17,7 +18,6 @@
 #include <cmath>
 #include <cstddef>
 #include <numbers>
-#include <utility>
 
 #include "absl/status/statusor.h"
 
@@ -51,9 +51,9 @@ ViewControls::ViewControls(const ViewedVolume& volume, std::optional<double> iso
     : volume_(volume),
       first_isovalue_(isovalue),
       isovalue_step_(IsovalueStep(volume.values)),
-      label_count_(label_count),
       camera_(volume.first_camera.value_or(view::MakeDefaultCamera(volume.bounds))),
-      isovalue_(isovalue) {}
+      isovalue_(isovalue),
+      labels_(label_count, /*shows_others=*/isovalue.has_value()) {}
 
 void ViewControls::LookFrom(int view) {
   int left = view;
@@ -109,17 +109,6 @@ bool ViewControls::MoveIsovalue(int steps) {
   return true;
 }
 
-bool ViewControls::StepLabel(bool is_forward) {
-  if (label_count_ == 0) {
-    return false;
-  }
-  // All, then each: a circle of label_count_ + 1 places.
-  const std::size_t place = label_alone_ ? *label_alone_ + 1 : 0;
-  const std::size_t next = (place + (is_forward ? 1 : label_count_)) % (label_count_ + 1);
-  label_alone_ = next == 0 ? std::nullopt : std::optional(next - 1);
-  return true;
-}
-
 bool ViewControls::PressSurfaceKey(char character) {
   switch (character) {
     case '[':
@@ -130,9 +119,13 @@ bool ViewControls::PressSurfaceKey(char character) {
       return MoveIsovalue(character == '}' ? kLargeSteps : -kLargeSteps);
     case 'n':
     case 'N':
-      return StepLabel(character == 'n');
+      return labels_.Step(character == 'n');
+    case 'x':
+      return labels_.ToggleHidden();
+    case 'd':
+      return labels_.ToggleHighlight();
     case 'a':
-      return std::exchange(label_alone_, std::nullopt).has_value();
+      return labels_.ShowAll();
     default:
       return false;
   }
@@ -212,7 +205,7 @@ ViewControls::Effect ViewControls::Press(const Key& key) {
   }
   if (key.character == '0' || key.character == 'r') {
     isovalue_ = first_isovalue_;
-    label_alone_.reset();
+    labels_.ShowAll();
     return ResetCamera();
   }
   return PressCharacter(key.character) ? Effect::kMoved : Effect::kNone;
@@ -225,6 +218,7 @@ std::string DescribeKeys() {
          ", .                    roll\n"
          "[ ]                    lower, raise the isovalue; { } ten times as far\n"
          "n N                    the next, the previous label alone; a all\n"
+         "x d                    hide it; dim the others; again: no more\n"
          "1 2 3 4 5 6            front back left right top bottom\n"
          "                       (of the patient where the file knows one)\n"
          "r 0                    back to the first view, isovalue and labels\n"

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "client-cli/terminal/label_choice.h"
 #include "client-cli/terminal/terminal_keys.h"
 #include "core/math/box.h"
 #include "core/view/camera.h"
@@ -41,8 +42,8 @@ class ViewControls {
   void SetCamera(const view::Camera& camera) { camera_ = camera; }
   // Not set: no surface has one.
   [[nodiscard]] std::optional<double> isovalue() const { return isovalue_; }
-  // The only surface of labels that is shown, from 0; not set: all are.
-  [[nodiscard]] std::optional<std::size_t> label_alone() const { return label_alone_; }
+  // The surfaces of labels.
+  [[nodiscard]] const LabelChoice& labels() const { return labels_; }
 
  private:
   bool PressArrow(const Key& key);
@@ -54,15 +55,13 @@ class ViewControls {
   void Roll(double radians);
   bool PressSurfaceKey(char character);
   bool MoveIsovalue(int steps);
-  bool StepLabel(bool is_forward);
 
   const ViewedVolume volume_;
   const std::optional<double> first_isovalue_;
   const double isovalue_step_;
-  const std::size_t label_count_;
   view::Camera camera_;
   std::optional<double> isovalue_;
-  std::optional<std::size_t> label_alone_;
+  LabelChoice labels_;
 };
 
 // The lines of the help, each at most 60 characters.

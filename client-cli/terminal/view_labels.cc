@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -10,6 +11,9 @@
 
 namespace isoscope::cli {
 namespace {
+
+// Of the labels around a highlighted one; that of the page.
+constexpr float kFaintOpacity = 0.15F;
 
 std::string FlagOf(const client::LabelSurface& label) {
   std::string text = absl::StrCat("--label ", TextOfValues(label.values));
@@ -60,6 +64,36 @@ std::string FlagsOfLabels(const std::vector<client::LabelSurface>& labels) {
     flags.emplace_back("--smooth-labels");
   }
   return absl::StrJoin(flags, " ");
+}
+
+std::vector<client::LabelSurface> ShownLabels(const std::vector<client::LabelSurface>& labels,
+                                              const LabelChoice& choice) {
+  std::vector<client::LabelSurface> shown;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const LabelChoice::Look look = choice.LookOf(i);
+    if (look == LabelChoice::Look::kHidden) {
+      continue;
+    }
+    float& alpha = shown.emplace_back(labels[i]).color.alpha;
+    if (look == LabelChoice::Look::kHighlighted) {
+      alpha = 1;
+    } else if (look == LabelChoice::Look::kFaint) {
+      alpha = std::min(alpha, kFaintOpacity);
+    }
+  }
+  return shown;
+}
+
+std::string DescribeLabels(const std::vector<client::LabelSurface>& labels,
+                           const LabelChoice& choice) {
+  if (const std::optional<std::size_t> chosen = choice.chosen()) {
+    return absl::StrCat(labels[*chosen].name, " (", *chosen + 1, " of ", labels.size(), ")",
+                        choice.is_highlighted() ? " highlighted" : "");
+  }
+  if (const std::size_t hidden = choice.hidden_count(); hidden > 0) {
+    return absl::StrCat(labels.size() - hidden, " of ", labels.size(), " labels");
+  }
+  return labels.size() == 1 ? labels[0].name : absl::StrCat(labels.size(), " labels");
 }
 
 }  // namespace isoscope::cli

@@ -3,10 +3,11 @@
 
 import { abilities } from './abilities.js';
 import { byId } from './elements.js';
+import { boxOfDataset } from './isoscope-view.js';
 import { say } from './messages.js';
 import { client, shown } from './page-view.js';
 import { choiceOf, histogramWords, indexOfStep, rangeOfBins, stepsOf } from './series.js';
-import { tidyRange } from './values.js';
+import { isSameRange, tidyRange, unitedRange } from './values.js';
 
 /** @typedef {{min: number, max: number}} Range */
 
@@ -35,24 +36,46 @@ function wholeRange({ finiteRange, valueRange }) {
 
 /** @param {any} surface whether its colour is that of a map */
 const isMapped = ({ colorBy }) => Boolean(colorBy) && colorBy.quantity !== 'QUANTITY_NORMAL';
+/** @param {any} surface whether nothing is seen of it */
+const isClear = ({ color }) => Boolean(color) && !color.alpha;
 
 /**
- * The range of the values that the picture shows, of all maps together. It depends on the picture's pixels; only the
- * range is wanted, so the picture itself is sent as small as it gets.
- * @returns {Promise<Range | null>} null where no value shows
+ * The ranges of what each mapped surface shows, by its place. They depend on the picture's pixels; only the ranges are
+ * wanted, so the picture itself is sent as small as it gets.
+ * @param {(surface: any) => any} colorByOf what the map of a surface shows @returns {Promise<Map<number, Range>>}
  */
-async function visibleRange() {
+async function askVisible(colorByOf) {
   const { withNotes, samples, ambientOcclusion, silhouette, ...state } = shown.getState();
   const { width, height } = shown.loop.picture;
   const surfaces = (state.surfaces ?? []).map((/** @type {any} */ surface) =>
-    isMapped(surface) ? { ...surface, colorBy: { ...surface.colorBy, range: { source: 'SOURCE_VISIBLE' } } } : surface);
+    isMapped(surface) ? { ...surface, colorBy: { ...colorByOf(surface), range: { source: 'SOURCE_VISIBLE' } } } : surface);
   const answer = await client.post(`v1/datasets/${encodeURIComponent(state.dataset ?? '')}/render`, { ...state, surfaces,
     viewport: { widthPx: width, heightPx: height }, backgroundColor: { red: 0, green: 0, blue: 0, alpha: 1 },
     output: { imageFormat: 'IMAGE_FORMAT_JPEG', jpegQuality: 1 } });
   const { caps, ...ranges } = JSON.parse(answer.headers.get('X-Isoscope-Color-Ranges') ?? '{}');
-  const ends = /** @type {[number, number][]} */ (Object.values(ranges));
-  return ends.length === 0 ? null
-    : { min: Math.min(...ends.map(([min]) => min)), max: Math.max(...ends.map(([, max]) => max)) };
+  return new Map(Object.entries(ranges).filter(([i]) => !isClear(surfaces[Number(i)])).map(([i, [min, max]]) => [Number(i), { min, max }]));
+}
+
+/**
+ * The range of the values that the picture shows, of all maps together. For a surface that does not show, behind another
+ * one say, the answer has the range of all values. Then positions tell: those that show do not fill the volume's box.
+ * @returns {Promise<Range | null>} null where no value shows
+ */
+async function visibleRange() {
+  const ranges = await askVisible(({ colorBy }) => colorBy);
+  const whole = unitedRange([...ranges.values()]);
+  const doubtful = [...ranges].filter(([, range]) => isSameRange(range, whole));
+  const box = boxOfDataset(shown.dataset);
+  if (doubtful.length === ranges.size || !box) {
+    return whole;
+  }
+  const places = await askVisible(() => ({ quantity: 'QUANTITY_POSITION_X' }));
+  for (const [i] of doubtful) {
+    if (isSameRange(places.get(i), { min: box.min[0], max: box.max[0] })) {
+      ranges.delete(i);
+    }
+  }
+  return unitedRange([...ranges.values()]);
 }
 
 export function drawColorRange() {

@@ -1,16 +1,17 @@
-// Links and downloads: pictures, films, meshes, and the command that draws the same picture.
+// Links and downloads: pictures, films, meshes, and the commands that make the same.
 //
 // A download shows its progress beside its button, and can be cancelled. It goes on while the dialog is closed, with
 // the view of the moment when it began.
 // @ts-check
 
 import { abilities, findWebp } from './abilities.js';
+import { fileOf, filmToCommand, meshToCommand, stateToCommand } from './commands.js';
 import { byId, make, page } from './elements.js';
-import { drawFilm, frameCountOf, whyNoFilm } from './film.js';
+import { drawFilm, frameCountOf, whyNoFilm, whyNoSuchFilm } from './film.js';
 import { announcer, copy, say } from './messages.js';
 import { client, shown } from './page-view.js';
 import { format, formatBytes } from './values.js';
-import { MESH_FORMATS, fileOf, meshAddress, pictureAddress, stateToCommand, stateToLink, webpAddress } from './view-state.js';
+import { MESH_FORMATS, meshAddress, pictureAddress, stateToLink, webpAddress } from './view-state.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
 /** @typedef {import('./film.js').Film} Film */
@@ -31,6 +32,9 @@ const filmNote = byId('film-note', HTMLElement);
 const saveFilm = byId('save-film', HTMLButtonElement);
 const saveMesh = byId('save-mesh', HTMLButtonElement);
 const meshFormat = byId('mesh-format', HTMLSelectElement);
+const commandOf = byId('command-of', HTMLSelectElement);
+const copyCommand = byId('copy-command', HTMLButtonElement);
+const commandHint = byId('command-hint', HTMLElement);
 
 /** @param {Blob} blob @param {string} name */
 function saveAs(blob, name) {
@@ -123,6 +127,7 @@ export function listenToDownloads(series) {
   /** Of an empty field, that of the view. */
   const sizeOfDialog = () => ({ width: Math.round(page.width.valueAsNumber) || shown.loop.picture.width,
     height: Math.round(page.height.valueAsNumber) || shown.loop.picture.height });
+  /** @returns {import('./view-state.js').Drawn} */
   const drawnOfDialog = () => ({ axes: axes.checked, scaleBar: scaleBar.checked, legend: legend.checked && !legend.disabled, caption: caption.value });
   /** @returns {Film} */
   const filmOfDialog = () => ({ format: filmFormat.value === 'webp' ? 'webp' : 'apng', kind: filmKind.value === 'steps' ? 'steps' : 'turn', frameCount: filmFrames.valueAsNumber,
@@ -142,17 +147,43 @@ export function listenToDownloads(series) {
     const why = whyNoFilm(film);
     const count = frameCountOf(film);
     filmHint.textContent = why || `${count} frames of ${film.width} × ${film.height}, ${format(count / film.framesPerSecond, 3)} s, ` +
-      'with the samples and words of the picture; the background is opaque.';
+      `with the samples and words of the picture${filmKind.value === 'steps' && !caption.value ? ', the time as caption' : ''}; the background is opaque.`;
     filmHint.classList.toggle('error', why !== '');
     saveFilm.disabled = why !== '';
   }
+  /** A film of steps tells the time, as those of the command line do. */
+  const drawnOfFilm = () => ({ ...drawnOfDialog(), caption: caption.value || (filmKind.value === 'steps' ? '{time}' : '') });
+
+  /**
+   * The command that makes what people chose, or why there is none.
+   * @returns {{command?: string | null, verb: string, why?: string}}
+   */
+  function commandOfDialog() {
+    const source = { file: fileOf(shown.dataset, abilities.gatewayAddress, location.href), hasToken: client.token !== '' };
+    if (commandOf.value === 'mesh') {
+      return { command: meshToCommand(series.pinned(shown.getState()), meshFormat.value, source), verb: 'writes this mesh' };
+    }
+    if (commandOf.value === 'film') {
+      const film = filmOfDialog();
+      const why = whyNoSuchFilm(film);
+      const command = why ? null : filmToCommand(film, series.steps.map(({ number }) => number), stateOfDialog(), source, drawnOfFilm());
+      return { command, verb: 'draws this film', why: why || 'The numbers of these steps are not evenly apart: no command can name them.' };
+    }
+    return { command: stateToCommand(stateOfPicture(), 'picture.png', sizeOfDialog(), source, drawnOfDialog()), verb: 'draws this picture' };
+  }
+  function drawCommand() {
+    const file = fileOf(shown.dataset, abilities.gatewayAddress, location.href);
+    const { command, verb, why } = commandOfDialog();
+    page.command.hidden = !command;
+    page.command.textContent = command ?? '';
+    copyCommand.disabled = !command;
+    commandHint.textContent = !command ? why ?? '' : file ? `${verb} in the folder of ${file}`
+      : `${verb}; HOST is the coordinator${client.token ? ', TOKEN_FILE has its token' : ''}`;
+  }
   function drawDialog() {
     legend.disabled = !hasQuantity(shown.state);
-    const file = fileOf(shown.dataset, abilities.gatewayAddress, location.href);
-    page.command.textContent = stateToCommand(stateOfPicture(), 'picture.png', sizeOfDialog(), { file, hasToken: client.token !== '' }, drawnOfDialog());
-    byId('command-hint', HTMLElement).textContent = file ? `draws this picture in the folder of ${file}`
-      : `draws this picture; HOST is the coordinator${client.token ? ', TOKEN_FILE has its token' : ''}`;
     drawFilmRows();
+    drawCommand();
   }
   let isWebpOffered = false;
   /** WebP is the smaller film, where the gateway has its frames. */
@@ -170,7 +201,8 @@ export function listenToDownloads(series) {
     isSizeChosen = true;
     drawDialog();
   };
-  for (const input of [page.saveSamples, page.transparent, axes, scaleBar, legend, caption, filmFormat, filmKind, filmFrames, filmStride, filmRate]) {
+  for (const input of [page.saveSamples, page.transparent, axes, scaleBar, legend, caption, filmFormat, filmKind, filmFrames, filmStride, filmRate,
+    meshFormat, commandOf]) {
     input.oninput = drawDialog;
   }
   // The server sends the camera of a view that is being fitted.
@@ -185,7 +217,7 @@ export function listenToDownloads(series) {
     page.dialog.showModal();
     offerWebp();
   };
-  byId('copy-command', HTMLElement).onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
+  copyCommand.onclick = () => copy(page.command.textContent ?? '', 'The command is copied.');
   byId('sizes', HTMLElement).append(...[['As shown', 0], ['1080p', 1080], ['4K', 2160], ['Print, 8K', 4320]].map(([name, side]) =>
     make('button', { className: 'small', onclick: () => {
       const tall = Number(side) || shown.loop.picture.height;
@@ -208,7 +240,7 @@ export function listenToDownloads(series) {
   saveFilm.onclick = async () => {
     const film = filmOfDialog();
     const state = stateOfDialog();
-    const drawn = drawnOfDialog();
+    const drawn = drawnOfFilm();
     const count = frameCountOf(film);
     filmProgress.max = count;
     filmProgress.hidden = false;

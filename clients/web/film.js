@@ -32,24 +32,32 @@ const MAX_WEBP_SIDE = 16383;
 export const frameCountOf = ({ kind, frameCount, steps }) => kind === 'steps' ? steps.length : frameCount;
 
 /**
- * Why a film can't be made, with what to do; '' if it can.
+ * Why there is no such film, of the page or the command line, with what to do; '' if there is.
  * @param {Film} film
  */
-export function whyNoFilm(film) {
+export function whyNoSuchFilm(film) {
   const { format, framesPerSecond, width, height } = film;
   const count = frameCountOf(film);
-  const pixels = count * width * height;
   if (!Number.isInteger(count) || count < 2 || count > MAX_FRAMES) {
     return `A film has 2 to ${MAX_FRAMES} frames; this one would have ${Number.isFinite(count) ? count : 'none'}.`;
   }
   if (!(framesPerSecond >= 0.1 && framesPerSecond <= 120)) {
     return 'A film has 0.1 to 120 frames a second.';
   }
-  if (format === 'webp' && Math.max(width, height) > MAX_WEBP_SIDE) {
-    return `A WebP has at most ${MAX_WEBP_SIDE} pixels a side: make it smaller, or an APNG.`;
-  }
-  return pixels <= MAX_FILM_PIXELS ? '' : `${count} frames of ${width} × ${height} are ${Math.ceil(pixels / 1e6)} million pixels, and this page ` +
-    `holds ${MAX_FILM_PIXELS / 1e6} million: make it smaller or shorter, or let isoscope render make it.`;
+  return format === 'webp' && Math.max(width, height) > MAX_WEBP_SIDE
+    ? `A WebP has at most ${MAX_WEBP_SIDE} pixels a side: make it smaller, or an APNG.` : '';
+}
+
+/**
+ * Why the page can't make a film, with what to do; '' if it can.
+ * @param {Film} film
+ */
+export function whyNoFilm(film) {
+  const { width, height } = film;
+  const count = frameCountOf(film);
+  const pixels = count * width * height;
+  return whyNoSuchFilm(film) || (pixels <= MAX_FILM_PIXELS ? '' : `${count} frames of ${width} × ${height} are ${Math.ceil(pixels / 1e6)} million ` +
+    `pixels, and this page holds ${MAX_FILM_PIXELS / 1e6} million: make it smaller or shorter, or take the command of the film below.`);
 }
 
 /**

@@ -6,7 +6,7 @@ import { MAX_SURFACES, asShown, isOfLabels } from './label-sets.js';
 import { say } from './messages.js';
 import { change, client, finiteRangeOf, redraw, shown } from './page-view.js';
 import { histogramWords } from './series.js';
-import { PALETTE, format, fromHex, nextColor, tidy, toHex } from './values.js';
+import { PALETTE, format, fromHex, nextColor, rangesOfChart, tidy, toHex } from './values.js';
 
 // ---- counts ----
 
@@ -84,27 +84,22 @@ export function followHistogram(isPlaying) {
 
 const CHART = { width: 294, height: 132, left: 6, right: 6, top: 16, bottom: 18 };
 
-function valueRange() {
-  // A field has its range over all steps, so that a surface's line stands still during play.
-  const bins = (shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [];
-  const { min = 0, max = 1 } = finiteRangeOf(shown.dataset, shown.state.selection) ?? {};
-  const low = bins.length > 0 ? Number(bins[0].min ?? 0) : Number(min);
-  const high = bins.length > 0 ? Number(bins.at(-1).max ?? 0) : Number(max);
-  return high > low ? { min: low, max: high } : { min: low - 0.5, max: low + 0.5 };
-}
+// A field has its range over all steps, so that a surface's line stands still during play.
+const chartRanges = () => rangesOfChart((shown.dataset?.fields ?? []).length > 0 ? [] : histogram?.bins ?? [],
+  finiteRangeOf(shown.dataset, shown.state.selection));
 
 /** @param {number} value */
 function toChart(value) {
-  const { min, max } = valueRange();
+  const { min, max } = chartRanges().edges;
   return CHART.left + (value - min) / (max - min) * (CHART.width - CHART.left - CHART.right);
 }
 
 /** @param {number} x of the chart */
 function fromChart(x) {
-  const { min, max } = valueRange();
+  const { edges: { min, max }, values } = chartRanges();
   const share = (x - CHART.left) / (CHART.width - CHART.left - CHART.right);
   const step = 10 ** Math.floor(Math.log10((max - min) / 500));
-  const value = min + Math.max(0, Math.min(1, share)) * (max - min);
+  const value = Math.max(values.min, Math.min(values.max, min + share * (max - min)));
   return Number((Math.round(value / step) * step).toPrecision(12));
 }
 
@@ -123,15 +118,15 @@ export function drawHistogram() {
   const floor = CHART.height - CHART.bottom;
   /** @param {number} count */
   const y = (count) => floor - Math.log1p(count) / top * (floor - CHART.top);
-  const begin = bins.length > 0 ? Number(bins[0].min ?? 0) : valueRange().min;
+  const { edges, values: { min, max } } = chartRanges();
+  const begin = bins.length > 0 ? Number(bins[0].min ?? 0) : edges.min;
   let path = `M${toChart(begin).toFixed(1)},${floor}`;
   bins.forEach((/** @type {any} */ bin, /** @type {number} */ i) => {
     path += `V${y(counts[i]).toFixed(1)}H${toChart(Number(bin.max ?? 0)).toFixed(1)}`;
   });
   path += `V${floor}Z`;
-  const { min, max } = valueRange();
   const parts = [svg('path', { class: 'area', d: path })];
-  for (const [value, anchor] of /** @type {[number, string][]} */ ([[min, 'start'], [(min + max) / 2, 'middle'], [max, 'end']])) {
+  for (const [value, anchor] of /** @type {[number, string][]} */ ([[min, 'start'], [(min + max) / 2, 'middle'], [max, 'end']]).slice(0, max > min ? 3 : 1)) {
     parts.push(svg('text', { class: 'tick', x: toChart(value), y: CHART.height - 5, 'text-anchor': anchor }, format(value)));
   }
   for (const suggestion of histogram?.suggestions ?? []) {
@@ -194,7 +189,7 @@ function addSurface(isovalue) {
 /** Adds a surface at a suggestion that has none near it, else above the others. */
 function addSuggestedSurface() {
   const values = levelsNow().map(({ surface }) => surface.isovalue ?? 0);
-  const { min, max } = valueRange();
+  const { min, max } = chartRanges().values;
   const free = (histogram?.suggestions ?? []).map((/** @type {any} */ one) => one.isovalue ?? 0)
     .find((/** @type {number} */ value) => values.every((/** @type {number} */ used) => Math.abs(used - value) > (max - min) / 50));
   addSurface(free !== undefined ? tidyIsovalue(free, { min, max }) : fromChart(toChart((Math.max(min, ...values) + max) / 2)));
@@ -238,7 +233,7 @@ export function listenToHistogram() {
   chart.addEventListener('dblclick', (event) => addSurface(fromChart(x(event))));
   chart.addEventListener('keydown', (event) => {
     const index = Number(/** @type {Element} */ (event.target).getAttribute('data-surface') ?? NaN);
-    const { min, max } = valueRange();
+    const { min, max } = chartRanges().values;
     const isovalue = Number.isInteger(index) ? afterKey(event.key, shown.state.surfaces[index].isovalue ?? 0, min, max) : null;
     if (isovalue !== null) {
       changeSurface(index, { isovalue: fromChart(toChart(isovalue)) }, true);

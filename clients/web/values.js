@@ -75,6 +75,32 @@ export function tidyRange({ min, max }) {
   const [low, high] = [tidy(min, span), tidy(max, span)];
   return span > 0 ? { min: low > min ? tidy(low - step, span) : low, max: high < max ? tidy(high + step, span) : high } : { min, max };
 }
+/**
+ * The least range around others; null without any.
+ * @param {{min: number, max: number}[]} ranges
+ */
+export const unitedRange = (ranges) => ranges.length === 0 ? null
+  : { min: Math.min(...ranges.map(({ min }) => min)), max: Math.max(...ranges.map(({ max }) => max)) };
+/**
+ * Whether two ranges have the same ends, but for errors of rounding.
+ * @param {{min: number, max: number} | null | undefined} a @param {{min: number, max: number} | null | undefined} b
+ */
+export const isSameRange = (a, b) => a != null && b != null && [a.min - b.min, a.max - b.max].every((off) => Math.abs(off) <= 1e-9 * (b.max - b.min));
+
+/**
+ * The ends of the chart of a histogram, and of the values on it: bins of integers have edges beyond the last one.
+ * @param {any[]} bins as JSON; without them the chart ends with the values
+ * @param {{min?: number | string, max?: number | string} | undefined} finite range of the samples, as JSON has it
+ */
+export function rangesOfChart(bins, finite) {
+  const edges = bins.length > 0 ? { min: Number(bins[0].min ?? 0), max: Number(bins[bins.length - 1].max ?? 0) } : null;
+  const told = { min: Number(finite?.min ?? 0), max: Number(finite?.max ?? (finite ? 0 : 1)) };
+  // Older coordinators tell infinite samples as the range.
+  const values = Number.isFinite(told.max - told.min) && finite ? told : edges ?? { min: 0, max: 1 };
+  const { min, max } = edges ?? values;
+  return { values, edges: max > min ? { min, max } : { min: min - 0.5, max: min + 0.5 } };
+}
+
 export const BACKGROUNDS = { dark: '#0b0e14', light: '#ffffff' };
 
 /**

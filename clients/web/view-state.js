@@ -246,32 +246,6 @@ export function tokenOfText(text) {
  */
 export const withoutToken = (hash) => hash.replace(/^#/, '').split('&').filter((word) => !word.startsWith('token=')).join('&');
 
-/** @param {string} value as a shell takes it */
-const quoted = (value) => /^[\w.,:+/-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`;
-
-/**
- * What the command reads: the file that `isoscope view` was given, else a server. Its reader knows the coordinator's
- * address and the file of its token, the page does not.
- * @param {{file?: string, hasToken?: boolean}} source
- */
-const inputWords = ({ file, hasToken }) => file ? [`isoscope render ${quoted(file.startsWith('-') ? `./${file}` : file)}`]
-  : ['isoscope render --server HOST:50051', ...(hasToken ? ['--token-file TOKEN_FILE'] : [])];
-
-/**
- * The file of a dataset that a command can read in place of a server: that of `isoscope view`, whose coordinator names
- * this very page, on this machine. '' where a server may be far away.
- * @param {any} dataset @param {string} gatewayAddress of the coordinator @param {string} pageAddress
- */
-export function fileOf(dataset, gatewayAddress, pageAddress) {
-  try {
-    const [told, page] = [new URL(gatewayAddress), new URL('./', pageAddress)];
-    const isOwn = told.href === page.href && /^(127\.\d+\.\d+\.\d+|localhost|\[::1\])$/.test(page.hostname);
-    return isOwn ? String(dataset?.source ?? '') : '';
-  } catch {
-    return '';  // the coordinator names no page
-  }
-}
-
 /**
  * What the gateway, or the command, draws over a picture: words of both.
  * @typedef {{axes?: boolean, scaleBar?: boolean, legend?: boolean, caption?: string}} Drawn
@@ -307,32 +281,18 @@ export const MESH_FORMATS = [['glb', 'GLB: viewers, slides'], ['stl', 'STL: prin
   ['obj', 'OBJ: any program'], ['vtp', 'VTP: ParaView']];
 
 /**
- * The address of the mesh of a state. Meshes are opaque, and STL has no colours.
- * @param {FrameRequest} state @param {string} format
+ * What of a state a mesh shows. Meshes are opaque, and STL has no colours.
+ * @param {FrameRequest} state @param {string} format @returns {FrameRequest}
  */
-export function meshAddress({ dataset, selection, surfaces = [], clip }, format) {
+export function stateOfMesh({ selection, surfaces = [], clip }, format) {
   const shown = surfaces.map((/** @type {any} */ { isovalue, labels, smoothLabels, color }) => ({ isovalue, labels, smoothLabels,
     color: color && format !== 'stl' ? { ...color, alpha: 1 } : undefined }));
-  return `v1/datasets/${encodeURIComponent(dataset ?? '')}/mesh.${format}?${stateToHash({ selection, surfaces: shown, clip })}`;
+  return { selection, surfaces: shown, clip };
 }
 
-/**
- * Returns the command that draws the same picture. A fitted view has its own camera once the server
- * has answered. Until then the command has the initial camera, because it takes no fit with a
- * camera.
- * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
- * @param {{file?: string, hasToken?: boolean}} [source] `file` in place of a server and its dataset @param {Drawn} [drawn]
- */
-export function stateToCommand(state, file, size, source = {}, drawn = {}) {
-  const { dataset, ...rest } = state;
-  const whole = source.file ? rest : { dataset, ...rest };
-  const words = [...stateToWords(state.camera ? { ...whole, cameraFit: undefined } : whole), ...drawnToWords(drawn)];
-  const flags = words.map(([name, value]) => value === '' ? `--${name}` : `--${name} ${quoted(value)}`);
-  if (size) {
-    flags.push(`--width ${size.width}`, `--height ${size.height}`);
-  }
-  return [...inputWords(source), ...flags, `--output ${file}`].join(' \\\n  ');
-}
+/** @param {FrameRequest} state @param {string} format */
+export const meshAddress = (state, format) =>
+  `v1/datasets/${encodeURIComponent(state.dataset ?? '')}/mesh.${format}?${stateToHash(stateOfMesh(state, format))}`;
 
 /** A link that is read: its state so far, and a sentence for each part that is wrong and left out. */
 class Link {

@@ -5,7 +5,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <fstream>
+
+#include <sys/mman.h>
 
 namespace isoscope::base {
 namespace {
@@ -45,6 +48,16 @@ void LimitMallocArenas(int count) {
 }
 
 void ReturnFreedMemory() { ::malloc_trim(0); }
+
+void ReturnPages(char* begin, std::size_t size) {
+  const std::size_t page = PageBytes();
+  const std::size_t misaligned = reinterpret_cast<std::uintptr_t>(begin) % page;
+  const std::size_t head = misaligned == 0 ? 0 : page - misaligned;
+  if (size >= head + page) {
+    // Advice: if the kernel does not take it, the pages are freed with their buffer.
+    ::madvise(begin + head, (size - head) / page * page, MADV_DONTNEED);
+  }
+}
 
 absl::Duration ProcessorTime() {
   timespec used{};

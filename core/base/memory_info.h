@@ -24,6 +24,11 @@ void LimitMallocArenas(int count);
 // milliseconds. Later allocations come from the kernel again.
 void ReturnFreedMemory();
 
+// Gives the whole pages of `size` bytes from `begin` back to the kernel, while they stay allocated.
+// For large buffers whose begin is used up. The bytes are undefined then. REQUIRES: the memory is
+// private and not a file's, as that of malloc.
+void ReturnPages(char* begin, std::size_t size);
+
 // Returns the processor time that all threads of this process have used.
 absl::Duration ProcessorTime();
 

@@ -1,22 +1,28 @@
 // Encoding and decoding by libjpeg-turbo, row by row:
 //
-// 1. Set up the state of libjpeg, and read or write the header (StartDecoding).
+// 1. Set up the state of libjpeg, and read or write the header (StartDecoding, State::Start).
 // 2. Convert each row between RGBA and the three bytes a pixel of libjpeg.
 // 3. Destroy the state. A warning while decoding counts as an error.
 //
 // Invariant: libjpeg reports errors by longjmp, which skips destructors. So functions that call
-// setjmp own nothing that has a destructor; their callers do.
+// setjmp own nothing that has a destructor, nor do those that they call; their callers do.
+//
+// libjpeg keeps the 8 rows of its row of blocks, and its Huffman codes are fixed. So the bytes do
+// not depend on how rows are shared among calls, and those of earlier rows are complete.
 
 #include "core/image/jpeg_codec.h"
 
 #include <cstdio>
 // jpeglib.h needs cstdio's FILE.
 #include <jpeglib.h>
+// jerror.h needs jpeglib.h.
+#include <jerror.h>
 
 #include <array>
 #include <csetjmp>
 #include <cstddef>
-#include <cstdlib>
+#include <new>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -41,64 +47,44 @@ struct ErrorManager {
 
 void OnMessage(j_common_ptr /*info*/) {}
 
-// The memory that libjpeg writes to, and its state.
-struct Encoder {
-  Encoder() = default;
-  Encoder(const Encoder&) = delete;
-  Encoder& operator=(const Encoder&) = delete;
-  ~Encoder() {
-    jpeg_destroy_compress(&info);
-    std::free(bytes);  // NOLINT(cppcoreguidelines-no-malloc): jpeg_mem_dest took it by malloc
-  }
-
-  jpeg_compress_struct info{};
-  ErrorManager errors{};
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;  // NOLINT(google-runtime-int): libjpeg's type
+// Where libjpeg writes to: a buffer that is moved to a string whenever it is full.
+struct Destination {
+  jpeg_destination_mgr base;  // first, as in ErrorManager
+  std::array<JOCTET, std::size_t{16} * 1024> buffer;
+  std::string bytes;
 };
 
-struct Picture {
-  int width = 0;
-  int height = 0;
-  const Rgba8* pixels = nullptr;
-  Rgba8 background;
-  int quality = 0;
-};
+void StartBuffer(Destination* destination) {
+  destination->base.next_output_byte = destination->buffer.data();
+  destination->base.free_in_buffer = destination->buffer.size();
+}
 
-// `row` has room for three bytes a pixel.
-bool Encode(const Picture& picture, JSAMPLE* row, Encoder* encoder) {
-  jpeg_compress_struct& info = encoder->info;
-  info.err = jpeg_std_error(&encoder->errors.base);
-  encoder->errors.base.error_exit = OnError;
-  encoder->errors.base.output_message = OnMessage;
-  if (setjmp(encoder->errors.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg's way
+// Moves the first `size` bytes of the buffer to the string. False if there is no memory for them.
+bool TakeBuffer(std::size_t size, Destination* destination) {
+  try {
+    destination->bytes.append(reinterpret_cast<const char*>(destination->buffer.data()), size);
+  } catch (const std::bad_alloc&) {
     return false;
   }
-  jpeg_create_compress(&info);
-  jpeg_mem_dest(&info, &encoder->bytes, &encoder->size);
-  info.image_width = static_cast<JDIMENSION>(picture.width);
-  info.image_height = static_cast<JDIMENSION>(picture.height);
-  info.input_components = 3;
-  info.in_color_space = JCS_RGB;
-  jpeg_set_defaults(&info);
-  jpeg_set_quality(&info, picture.quality, TRUE);
-  info.comp_info[0].h_samp_factor = 1;
-  info.comp_info[0].v_samp_factor = 1;
-  info.dct_method = JDCT_ISLOW;
-  jpeg_start_compress(&info, TRUE);
-  const Rgba8* from = picture.pixels;
-  while (info.next_scanline < info.image_height) {
-    JSAMPLE* to = row;
-    for (int x = 0; x < picture.width; ++x, ++from) {
-      const Rgba8& pixel = from->a == 0 ? picture.background : *from;
-      *to++ = pixel.r;
-      *to++ = pixel.g;
-      *to++ = pixel.b;
-    }
-    jpeg_write_scanlines(&info, &row, 1);
-  }
-  jpeg_finish_compress(&info);
+  StartBuffer(destination);
   return true;
+}
+
+void OnStart(j_compress_ptr info) { StartBuffer(reinterpret_cast<Destination*>(info->dest)); }
+
+boolean OnFullBuffer(j_compress_ptr info) {
+  auto* const destination = reinterpret_cast<Destination*>(info->dest);
+  if (!TakeBuffer(destination->buffer.size(), destination)) {
+    ERREXIT1(info, JERR_OUT_OF_MEMORY, 0);
+  }
+  return TRUE;
+}
+
+void OnEnd(j_compress_ptr info) {
+  auto* const destination = reinterpret_cast<Destination*>(info->dest);
+  if (!TakeBuffer(destination->buffer.size() - destination->base.free_in_buffer, destination)) {
+    ERREXIT1(info, JERR_OUT_OF_MEMORY, 0);
+  }
 }
 
 // The state of libjpeg while it reads.
@@ -156,6 +142,120 @@ bool DecodeRows(Decoder* decoder, JSAMPLE* row, Rgba8* to) {
 
 }  // namespace
 
+// What libjpeg knows of a picture that is written, and its memory.
+struct JpegRowWriter::State {
+  State() = default;
+  State(const State&) = delete;
+  State& operator=(const State&) = delete;
+  ~State() { jpeg_destroy_compress(&info); }
+
+  [[nodiscard]] absl::Status error() const {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("JPEG of ", width, " x ", height, " pixels: ", errors.text.data()));
+  }
+  // Starts the picture. Errors jump.
+  void Start();
+  // Writes rows, and the end of the file after the last one. Errors jump: inlined, its variables
+  // would be undefined in TryWrite.
+  [[gnu::noinline]] void Write(const Rgba8* pixels, int count);
+  // False if an error has come.
+  bool TryWrite(const Rgba8* pixels, int count);
+
+  int width = 0;
+  int height = 0;
+  Rgba8 background;
+  int quality = 0;
+  int row_count = 0;         // appended
+  bool has_failed = false;   // libjpeg takes nothing more
+  std::vector<JSAMPLE> row;  // three bytes a pixel
+  jpeg_compress_struct info{};
+  ErrorManager errors{};
+  Destination destination{};
+};
+
+void JpegRowWriter::State::Start() {
+  jpeg_create_compress(&info);
+  destination.base.init_destination = OnStart;
+  destination.base.empty_output_buffer = OnFullBuffer;
+  destination.base.term_destination = OnEnd;
+  info.dest = &destination.base;
+  info.image_width = static_cast<JDIMENSION>(width);
+  info.image_height = static_cast<JDIMENSION>(height);
+  info.input_components = 3;
+  info.in_color_space = JCS_RGB;
+  jpeg_set_defaults(&info);
+  jpeg_set_quality(&info, quality, TRUE);
+  info.comp_info[0].h_samp_factor = 1;
+  info.comp_info[0].v_samp_factor = 1;
+  info.dct_method = JDCT_ISLOW;
+  jpeg_start_compress(&info, TRUE);
+}
+
+void JpegRowWriter::State::Write(const Rgba8* pixels, int count) {
+  if (row_count == 0) {
+    Start();
+  }
+  const Rgba8* from = pixels;
+  for (int y = 0; y < count; ++y) {
+    JSAMPLE* to = row.data();
+    for (int x = 0; x < width; ++x, ++from) {
+      const Rgba8& pixel = from->a == 0 ? background : *from;
+      *to++ = pixel.r;
+      *to++ = pixel.g;
+      *to++ = pixel.b;
+    }
+    JSAMPLE* samples = row.data();
+    jpeg_write_scanlines(&info, &samples, 1);
+  }
+  if (info.next_scanline == info.image_height) {
+    jpeg_finish_compress(&info);
+  }
+}
+
+bool JpegRowWriter::State::TryWrite(const Rgba8* pixels, int count) {
+  if (setjmp(errors.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg's way
+    return false;
+  }
+  Write(pixels, count);
+  return true;
+}
+
+JpegRowWriter::JpegRowWriter(int width, int height, Rgba8 background, int quality)
+    : state_(std::make_unique<State>()) {
+  ISOSCOPE_CHECK_GE(width, 1);
+  ISOSCOPE_CHECK_GE(height, 1);
+  ISOSCOPE_CHECK_GE(quality, 1);
+  ISOSCOPE_CHECK_LE(quality, 100);
+  state_->width = width;
+  state_->height = height;
+  state_->background = background;
+  state_->quality = quality;
+  state_->row.resize(static_cast<std::size_t>(width) * 3);
+  state_->info.err = jpeg_std_error(&state_->errors.base);
+  state_->errors.base.error_exit = OnError;
+  state_->errors.base.output_message = OnMessage;
+}
+
+JpegRowWriter::JpegRowWriter(JpegRowWriter&& other) noexcept = default;
+JpegRowWriter& JpegRowWriter::operator=(JpegRowWriter&& other) noexcept = default;
+JpegRowWriter::~JpegRowWriter() = default;
+
+absl::StatusOr<std::string> JpegRowWriter::Append(std::span<const Rgba8> rows) {
+  const auto row_size = static_cast<std::size_t>(state_->width);
+  ISOSCOPE_CHECK_EQ(rows.size() % row_size, 0U);
+  const std::size_t count = rows.size() / row_size;
+  ISOSCOPE_CHECK_LE(count, static_cast<std::size_t>(state_->height - state_->row_count));
+  if (state_->has_failed) {
+    return state_->error();
+  }
+  if (count > 0 && !state_->TryWrite(rows.data(), static_cast<int>(count))) {
+    state_->has_failed = true;
+    return state_->error();
+  }
+  state_->row_count += static_cast<int>(count);
+  return std::exchange(state_->destination.bytes, std::string());
+}
+
 absl::StatusOr<RgbaImage> DecodeJpeg(absl::string_view jpeg) {
   Decoder decoder;
   const auto error = [&decoder] {
@@ -186,24 +286,10 @@ absl::StatusOr<RgbaImage> DecodeJpeg(absl::string_view jpeg) {
 
 absl::StatusOr<std::string> EncodeJpeg(int width, int height, std::span<const Rgba8> pixels,
                                        Rgba8 background, int quality) {
-  ISOSCOPE_CHECK_GE(width, 1);
-  ISOSCOPE_CHECK_GE(height, 1);
+  JpegRowWriter writer(width, height, background, quality);
   ISOSCOPE_CHECK_EQ(pixels.size(),
                     static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  ISOSCOPE_CHECK_GE(quality, 1);
-  ISOSCOPE_CHECK_LE(quality, 100);
-  std::vector<JSAMPLE> row(static_cast<std::size_t>(width) * 3);
-  Encoder encoder;
-  const Picture picture{.width = width,
-                        .height = height,
-                        .pixels = pixels.data(),
-                        .background = background,
-                        .quality = quality};
-  if (!Encode(picture, row.data(), &encoder)) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("JPEG of ", width, " x ", height, " pixels: ", encoder.errors.text.data()));
-  }
-  return std::string(reinterpret_cast<const char*>(encoder.bytes), encoder.size);
+  return writer.Append(pixels);
 }
 
 }  // namespace isoscope::image

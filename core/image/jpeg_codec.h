@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_
 #define ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_
 
+#include <memory>
 #include <span>
 #include <string>
 
@@ -24,6 +25,27 @@ namespace isoscope::image {
 // 65500. RESOURCE_EXHAUSTED when memory runs out. Thread-safe.
 absl::StatusOr<std::string> EncodeJpeg(int width, int height, std::span<const Rgba8> pixels,
                                        Rgba8 background, int quality);
+
+// Encodes an image that is in memory a few rows at a time. The bytes that the calls return, one
+// after another, are those of EncodeJpeg. May throw std::bad_alloc. Thread-compatible.
+class JpegRowWriter {
+ public:
+  // Parameters as of EncodeJpeg, and the same REQUIRES.
+  JpegRowWriter(int width, int height, Rgba8 background, int quality);
+  JpegRowWriter(JpegRowWriter&& other) noexcept;
+  JpegRowWriter& operator=(JpegRowWriter&& other) noexcept;
+  ~JpegRowWriter();
+
+  // Takes the next rows, and returns the bytes that are complete: none for a few rows, all that is
+  // left for the last ones. REQUIRES: the rows are whole, and not more than are missing.
+  // RESOURCE_EXHAUSTED when memory runs out; so do all later calls.
+  absl::StatusOr<std::string> Append(std::span<const Rgba8> rows);
+
+ private:
+  struct State;
+
+  std::unique_ptr<State> state_;
+};
 
 // Decodes a JPEG of grey or colours to opaque pixels. Safe for any bytes. DATA_LOSS if they are no
 // complete JPEG, or one with a side above kMaxPngSidePx. Thread-safe.

@@ -23,7 +23,6 @@
 #include "core/io/file.h"
 #include "core/partition/dataset_verifier.h"
 #include "core/store/manifest.h"
-#include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::partition {
@@ -41,7 +40,12 @@ std::string RecordOf(absl::string_view fingerprint, const store::ScalarVolume& v
   return absl::StrFormat("%s %08x", fingerprint, volume.manifest_crc32c);
 }
 
-// Removes the entries of a folder whose names are told.
+absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
+  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
+}
+
+}  // namespace
+
 absl::Status RemoveEntries(const std::string& path,
                            const std::function<bool(const std::string& name)>& is_told) {
   std::error_code error;
@@ -60,12 +64,6 @@ absl::Status RemoveEntries(const std::string& path,
   }
   return absl::OkStatus();
 }
-
-absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
-  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
-}
-
-}  // namespace
 
 absl::Status RemovePartialManifests(const std::string& directory, int shard_count) {
   const auto is_partial = [](const std::string& name) {
@@ -239,6 +237,8 @@ absl::StatusOr<store::ScalarVolume> SeriesWorkFolder::Describe(
   volume.value_range = manifest.value_range;
   volume.finite_range = manifest.finite_range;
   volume.max_gradient_magnitude = manifest.max_gradient_magnitude;
+  volume.highest_level = manifest.highest_level();
+  volume.level_filter = manifest.level_filter;
   return volume;
 }
 

@@ -2,9 +2,12 @@
 // half to even. Those of 8-bit samples are multiplied by 256 / 8 = 32 instead, which loses nothing.
 //
 // Means of floats are a fixed sequence of IEEE operations on doubles: each sample times 1/8, then
-// sums of neighbours along x, along y, along z, then one rounding to the sample type. Scaling first
+// sums of neighbours along y, along z, along x, then one rounding to the sample type. Scaling first
 // keeps sums of the largest samples finite. A result that is NaN gets one bit pattern, because
 // processors choose different ones.
+//
+// A row is summed in runs: first the four rows, sample by sample, then pairs of the sums. Both are
+// loops over neighbours in memory, which compilers turn into vector instructions.
 //
 // The majority: among 8 values, the one with the most equal ones; of several, the lowest.
 
@@ -42,15 +45,39 @@ T Load(const char* samples, std::size_t index) {
   return value;
 }
 
-template <typename T>
-T RoundedEighth(std::int64_t sum) {
-  const std::int64_t floor = sum >> 3;  // C++20: towards minus infinity
-  const std::int64_t rest = sum & 7;
-  const bool rounds_up = rest > 4 || (rest == 4 && (floor & 1) != 0);
-  return static_cast<T>(floor + (rounds_up ? 1 : 0));
+// Rounds half to even: adds 3, or 4 if the quotient is odd, and shifts towards minus infinity.
+// Examples: sums of 12, 20, 28 are 1.5, 2.5, 3.5, and give 2, 2, 4.
+template <typename T, typename Sum>
+T RoundedEighth(Sum sum) {
+  return static_cast<T>((sum + 3 + ((sum >> 3) & 1)) >> 3);
 }
 
-// The samples of one result: (x, y, z) = 000, 100, 010, 110, 001, 101, 011, 111.
+// What means are summed in, and a sample's part of it.
+template <typename T>
+using SumOf = std::conditional_t<std::is_floating_point_v<T>, double,
+                                 std::conditional_t<(sizeof(T) > 2), std::int64_t, std::int32_t>>;
+
+template <typename T>
+SumOf<T> PartOf(T sample) {
+  if constexpr (std::is_floating_point_v<T>) {
+    return static_cast<double>(sample) * 0.125;
+  } else {
+    return static_cast<SumOf<T>>(sample);
+  }
+}
+
+template <typename T, typename Out>
+Out MeanOf(SumOf<T> sum) {
+  if constexpr (std::is_floating_point_v<T>) {
+    return std::isnan(sum) ? std::numeric_limits<Out>::quiet_NaN() : static_cast<Out>(sum);
+  } else if constexpr (sizeof(T) == sizeof(Out)) {
+    return RoundedEighth<Out>(sum);
+  } else {
+    return static_cast<Out>(sum * (static_cast<std::int32_t>(kByteScale) / 8));
+  }
+}
+
+// The samples of one result.
 template <typename T>
 using Eight = std::array<T, 8>;
 
@@ -62,29 +89,6 @@ Eight<T> LoadEight(const std::array<const char*, 4>& rows, std::size_t index) {
     samples[2 * row + 1] = Load<T>(rows[row], 2 * index + 1);
   }
   return samples;
-}
-
-template <typename T, typename Out>
-Out Mean(const Eight<T>& samples) {
-  if constexpr (std::is_floating_point_v<T>) {
-    Eight<double> parts;
-    for (std::size_t i = 0; i < parts.size(); ++i) {
-      parts[i] = static_cast<double>(samples[i]) * 0.125;
-    }
-    const double mean = ((parts[0] + parts[1]) + (parts[2] + parts[3])) +
-                        ((parts[4] + parts[5]) + (parts[6] + parts[7]));
-    return std::isnan(mean) ? std::numeric_limits<Out>::quiet_NaN() : static_cast<Out>(mean);
-  } else {
-    std::int64_t sum = 0;
-    for (const T sample : samples) {
-      sum += static_cast<std::int64_t>(sample);
-    }
-    if constexpr (sizeof(T) == sizeof(Out)) {
-      return RoundedEighth<Out>(sum);
-    } else {
-      return static_cast<Out>(sum * (static_cast<std::int64_t>(kByteScale) / 8));
-    }
-  }
 }
 
 template <typename T>
@@ -106,11 +110,28 @@ T Majority(Eight<T> samples) {
   return best;
 }
 
+// Results of one run.
+constexpr std::size_t kRunSamples = 256;
+
+template <typename T, typename Out>
+void MeanRun(const std::array<const char*, 4>& rows, std::size_t first, std::size_t count,
+             char* out) {
+  std::array<SumOf<T>, 2 * kRunSamples> sums;
+  for (std::size_t i = 0; i < 2 * count; ++i) {
+    const std::size_t at = 2 * first + i;
+    sums[i] = (PartOf(Load<T>(rows[0], at)) + PartOf(Load<T>(rows[1], at))) +
+              (PartOf(Load<T>(rows[2], at)) + PartOf(Load<T>(rows[3], at)));
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const Out mean = MeanOf<T, Out>(sums[2 * i] + sums[2 * i + 1]);
+    std::memcpy(out + (first + i) * sizeof(Out), &mean, sizeof(Out));
+  }
+}
+
 template <typename T, typename Out>
 void MeanRow(const std::array<const char*, 4>& rows, std::size_t count, char* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const Out mean = Mean<T, Out>(LoadEight<T>(rows, i));
-    std::memcpy(out + i * sizeof(Out), &mean, sizeof(Out));
+  for (std::size_t first = 0; first < count; first += kRunSamples) {
+    MeanRun<T, Out>(rows, first, std::min(kRunSamples, count - first), out);
   }
 }
 

@@ -7,6 +7,11 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 #include "core/base/check.h"
 #include "core/frame/drawn_window.h"
@@ -73,6 +78,28 @@ frame::FrameSpec BandInTheMiddle(const frame::FrameSpec& spec, const view::Viewp
       view::Region{(spec.viewport.width_px - band.width_px) / 2,
                    (spec.viewport.height_px - band.height_px) / 2, band.width_px, band.height_px};
   return of_band;
+}
+
+BandCosts BandCostsOf(const frame::FrameSpec& spec) {
+  std::vector<std::string> costs;
+  std::vector<std::string> advice;
+  if (const int samples = spec.effects.samples(); samples > 1) {
+    costs.push_back(absl::StrCat(samples, " samples"));
+    advice.emplace_back("fewer samples");
+  }
+  if (const int margin = spec.effects.margin_px(); margin > 0) {
+    costs.push_back(absl::StrCat(margin, " pixels around it for effects"));
+    advice.emplace_back("a smaller ambient_occlusion or silhouette");
+  }
+  if (frame::HasLayers(spec)) {
+    costs.push_back(absl::StrCat(spec.max_layers, " layers"));
+    advice.emplace_back("fewer max_layers");
+  }
+  if (costs.empty()) {
+    return {};
+  }
+  return {.text = absl::StrCat(" with ", absl::StrJoin(costs, " and ")),
+          .advice = absl::StrCat("ask for ", absl::StrJoin(advice, ", for "))};
 }
 
 frame::FrameSpec SpecOfBand(const frame::FrameSpec& spec, const view::Region& band) {

@@ -5,6 +5,7 @@
 #define ISOSCOPE_SERVER_ADMISSION_BAND_GRID_H_
 
 #include <optional>
+#include <string>
 
 #include "absl/functional/function_ref.h"
 
@@ -43,6 +44,14 @@ view::Viewport SmallestBand(const view::Viewport& picture);
 
 // Returns the frame of a band of this size, where its effects need the most pixels around it.
 frame::FrameSpec BandInTheMiddle(const frame::FrameSpec& spec, const view::Viewport& band);
+
+// For messages: what makes a band of this frame take more than its pixels. Both are empty if nothing
+// does.
+struct BandCosts {
+  std::string text;    // " with 16 samples and 64 pixels around it for effects"
+  std::string advice;  // "ask for fewer samples, or for less of ..."
+};
+BandCosts BandCostsOf(const frame::FrameSpec& spec);
 
 // Returns the frame of a band, given in pixels of the picture.
 frame::FrameSpec SpecOfBand(const frame::FrameSpec& spec, const view::Region& band);

@@ -10,13 +10,19 @@
 // Else it is drawn in bands. A band takes at most 3/4 of what the answer leaves of the share,
 // because the end of one band overlaps with the begin of the next: allocators return memory late.
 // The same 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
+// Beside agents of this process a band takes at most half, and a twelfth of the limit. An answer in
+// parts counts as a whole one, because the client of this process joins the parts. The answer leaves
+// an eighth of the limit to the images that the agents keep.
+// Planes and raw pictures lie beside the agents, and a client of this process may still hold the
+// last ones. So agents get bands as if the limit were smaller by both, unless none fits then.
 //
 // ReserveFrame does not know the dataset yet, and takes 1 MiB for the sets of drawn blocks. Those of
 // a larger dataset make the bands smaller, so that both stay within what was taken. Only a frame
 // that already takes the least bands may exceed it, by these sets.
 //
 // A frame that neither way fits is refused. The limit that the refusal names is the least with
-// which the smallest band fits.
+// which the smallest band fits. So is one whose smallest band is too large for the agents of this
+// process, as far as bands help them: those that draw with OpenGL say themselves what they lack.
 
 #include "server/admission/coordinator_memory.h"
 
@@ -50,13 +56,18 @@ constexpr std::size_t kFrameShare = 16;       // 9 of 16
 constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of eight agents
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
+// Shares beside agents of the same process: a band, and what an answer leaves.
+constexpr std::size_t kBandShareBesideAgents = 12;
+constexpr std::size_t kAgentImageShare = 8;
 constexpr std::size_t kTraceShare = 8;  // of one frame, out of the frames' share
 constexpr std::size_t kMaxTraceBytes = 32 * base::kMiB;
 // The sets of blocks that a frame in bands has drawn, as far as its dataset is not known: those of
 // more than two million blocks.
 constexpr std::size_t kCountingBytes = base::kMiB;
-// The share of what is free that a band takes.
-std::size_t BandShareOf(std::size_t bytes) { return bytes / 4 * 3; }
+// The part of `bytes`, which are free, that a band takes.
+std::size_t BandShareOf(std::size_t bytes, std::size_t limit_bytes, bool has_agents) {
+  return has_agents ? std::min(bytes / 2, limit_bytes / kBandShareBesideAgents) : bytes / 4 * 3;
+}
 
 // The share of frames.
 std::size_t FrameCapacity(std::size_t limit_bytes) { return limit_bytes / kFrameShare * 9; }
@@ -91,6 +102,13 @@ std::size_t DrawnPixelsOf(const frame::FrameSpec& spec) {
   return static_cast<std::size_t>(drawn.width_px) * static_cast<std::size_t>(drawn.height_px);
 }
 
+// The bytes of planes and raw pictures, which fill memory from the first band on.
+std::size_t RawBytesOf(const frame::FrameSpec& spec) {
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
+         frame::RawBytesPerPixel(spec.output);
+}
+
 bool MayBand(const frame::FrameSpec& spec, const FrameWish& wish) {
   return wish.may_band && spec.culling != frame::Culling::kMask;
 }
@@ -101,7 +119,7 @@ absl::StatusOr<std::size_t> BytesToReserve(const CoordinatorMemory& memory,
   ISOSCOPE_ASSIGN_OR_RETURN(const BandGrid bands, memory.PlanFrame(spec, wish, {}));
   return bands.count() == 1
              ? FrameBytes(spec, wish.delivery)
-             : BandedBytesOf(spec, bands.band(), wish.delivery).most() + kCountingBytes;
+             : memory.BytesInBands(spec, bands.band(), wish.delivery).most() + kCountingBytes;
 }
 
 double Mebibytes(std::size_t bytes) {
@@ -166,6 +184,11 @@ std::size_t CoordinatorMemory::BytesForBands(const frame::FrameSpec& spec, std::
   return capacity - std::min(capacity, besides);
 }
 
+BandedBytes CoordinatorMemory::BytesInBands(const frame::FrameSpec& spec,
+                                            const view::Viewport& band, Delivery delivery) const {
+  return BandedBytesOf(spec, band, agent_limit_ == nullptr ? delivery : Delivery::kWhole);
+}
+
 bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Viewport& band,
                                     std::size_t limit_bytes, std::size_t bytes, Delivery delivery,
                                     std::size_t max_drawn_pixels) const {
@@ -175,9 +198,12 @@ bool CoordinatorMemory::FitsInBands(const frame::FrameSpec& spec, const view::Vi
       !AgentsFitBand(spec, band, limit_bytes)) {
     return false;
   }
-  const BandedBytes needed = BandedBytesOf(spec, band, delivery);
-  return needed.kept <= bytes && needed.band <= BandShareOf(bytes - needed.kept) &&
-         std::max(needed.encode, needed.send) <= bytes;
+  const bool has_agents = agent_limit_ != nullptr;
+  const std::size_t left = has_agents ? std::min(bytes, limit_bytes / kAgentImageShare) : 0;
+  const BandedBytes needed = BytesInBands(spec, band, delivery);
+  return needed.kept <= bytes &&
+         needed.band <= BandShareOf(bytes - needed.kept, limit_bytes, has_agents) &&
+         std::max(needed.encode, needed.send) <= bytes - left;
 }
 
 absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& spec,
@@ -191,15 +217,22 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
   }
   if (MayBand(spec, wish)) {
     const std::size_t bytes = BytesForBands(spec, limit_bytes_, wish, needs);
+    // What agents of this process have beside these planes and those that a client still holds.
+    std::size_t for_agents =
+        limit_bytes_ - (agent_limit_ == nullptr ? 0 : std::min(2 * RawBytesOf(spec), limit_bytes_));
     const auto fits_share = [&](const view::Viewport& band) {
-      return FitsInBands(spec, band, limit_bytes_, bytes, wish.delivery, needs.max_drawn_pixels);
+      return FitsInBands(spec, band, for_agents, bytes, wish.delivery, needs.max_drawn_pixels);
     };
     std::optional<BandGrid> bands = BestBands(spec, fits_share);
+    if (!bands.has_value() && for_agents < limit_bytes_) {
+      for_agents = limit_bytes_;
+      bands = BestBands(spec, fits_share);
+    }
     if (bands.has_value() && needs.counting_bytes > kCountingBytes) {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, spec, wish));
       const auto fits_taken = [&](const view::Viewport& band) {
         return fits_share(band) &&
-               BandedBytesOf(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
+               BytesInBands(spec, band, wish.delivery).most() + needs.counting_bytes <= taken;
       };
       if (const std::optional<BandGrid> within = BestBands(spec, fits_taken); within.has_value()) {
         bands = within;
@@ -209,10 +242,37 @@ absl::StatusOr<BandGrid> CoordinatorMemory::PlanFrame(const frame::FrameSpec& sp
       return *bands;
     }
   }
+  if (MayBand(spec, wish) && SmallestBandExceedsAgents(spec)) {
+    return TooLargeForAgents(spec, wish, needs);
+  }
   if (fits) {  // the agents say what they lack
     return BandGrid(picture, picture);
   }
   return TooLarge(spec, wish, needs);
+}
+
+absl::StatusOr<BandGrid> CoordinatorMemory::PlanDrawing(const frame::FrameSpec& drawing,
+                                                        const frame::FrameSpec& frame,
+                                                        const FrameWish& wish,
+                                                        const FrameNeeds& needs) const {
+  const view::Viewport picture = frame::ImageSizeOf(frame);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t taken, BytesToReserve(*this, frame, wish));
+  if (needs.max_drawn_pixels == 0 && frame::DrawnWindowOf(drawing).fits_a_view() &&
+      FrameBytes(drawing, Delivery::kParts) <= taken && AgentsFit(drawing, limit_bytes_)) {
+    return BandGrid(picture, picture);
+  }
+  if (MayBand(frame, wish)) {
+    const std::size_t bytes = BytesForBands(frame, limit_bytes_, wish, needs);
+    const std::optional<BandGrid> bands = BestBands(drawing, [&](const view::Viewport& band) {
+      return FitsInBands(drawing, band, limit_bytes_, bytes, Delivery::kParts,
+                         needs.max_drawn_pixels) &&
+             BandedBytesOf(drawing, band, Delivery::kParts).most() <= taken;
+    });
+    if (bands.has_value()) {
+      return *bands;
+    }
+  }
+  return PlanFrame(frame, wish, needs);
 }
 
 std::size_t CoordinatorMemory::LeastLimitFor(const frame::FrameSpec& spec, const FrameWish& wish,
@@ -235,7 +295,7 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
   const bool is_in_bands = MayBand(spec, wish);
   const std::size_t bytes =
       TraceBytesOf(limit_bytes_, wish) +
-      (is_in_bands ? BandedBytesOf(spec, SmallestBand(size), wish.delivery).most()
+      (is_in_bands ? BytesInBands(spec, SmallestBand(size), wish.delivery).most()
                    : FrameBytes(spec, wish.delivery));
   return absl::ResourceExhaustedError(absl::StrFormat(
       "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator%s; with its memory limit of "
@@ -248,6 +308,26 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
       wish.has_trace ? ", or for no trace" : "",
       agent_limit_ == nullptr ? "the coordinator's " : "",
+      Mebibytes(LeastLimitFor(spec, wish, needs))));
+}
+
+bool CoordinatorMemory::SmallestBandExceedsAgents(const frame::FrameSpec& spec) const {
+  const view::Viewport smallest = SmallestBand(frame::ImageSizeOf(spec));
+  return agent_limit_ != nullptr && !AgentsFitBand(spec, smallest, limit_bytes_) &&
+         agent_limit_(BandInTheMiddle(spec, smallest)) < agent_limit_(spec);
+}
+
+absl::Status CoordinatorMemory::TooLargeForAgents(const frame::FrameSpec& spec,
+                                                  const FrameWish& wish,
+                                                  const FrameNeeds& needs) const {
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  const view::Viewport smallest = SmallestBand(size);
+  const BandCosts costs = BandCostsOf(spec);
+  return absl::ResourceExhaustedError(absl::StrFormat(
+      "a picture of %d x %d pixels does not fit the memory limit of %.0f MiB, also in bands: "
+      "one of %d x %d pixels%s is too large: %s%sraise --memory-limit to %.0fMiB",
+      size.width_px, size.height_px, Mebibytes(limit_bytes_), smallest.width_px, smallest.height_px,
+      costs.text, costs.advice, costs.advice.empty() ? "" : ", or ",
       Mebibytes(LeastLimitFor(spec, wish, needs))));
 }
 

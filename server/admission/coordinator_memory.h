@@ -77,6 +77,16 @@ class CoordinatorMemory {
   [[nodiscard]] absl::StatusOr<BandGrid> PlanFrame(const frame::FrameSpec& spec,
                                                    const FrameWish& wish,
                                                    const FrameNeeds& needs) const;
+  // The bytes of a frame in bands, with those of a client in this process.
+  [[nodiscard]] BandedBytes BytesInBands(const frame::FrameSpec& spec, const view::Viewport& band,
+                                         Delivery delivery) const;
+  // Returns the bands of another drawing of the same picture, such as one with one sample, within
+  // what ReserveFrame has taken for the frame. The drawing is not sent, and takes no more than the
+  // frame does. Errors as PlanFrame of the frame.
+  [[nodiscard]] absl::StatusOr<BandGrid> PlanDrawing(const frame::FrameSpec& drawing,
+                                                     const frame::FrameSpec& frame,
+                                                     const FrameWish& wish,
+                                                     const FrameNeeds& needs) const;
   // Bytes of an export on their way to its client: queued chunks, and gRPC's copy.
   static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
   // Takes the memory of an export: data on its way from each agent and to the client. Exports have
@@ -103,6 +113,11 @@ class CoordinatorMemory {
                                           const FrameNeeds& needs) const;
   [[nodiscard]] absl::Status TooLarge(const frame::FrameSpec& spec, const FrameWish& wish,
                                       const FrameNeeds& needs) const;
+  // Whether agents of this process have no room for the smallest band, though bands take less than
+  // the whole.
+  [[nodiscard]] bool SmallestBandExceedsAgents(const frame::FrameSpec& spec) const;
+  [[nodiscard]] absl::Status TooLargeForAgents(const frame::FrameSpec& spec, const FrameWish& wish,
+                                               const FrameNeeds& needs) const;
 
   const std::size_t limit_bytes_;
   const AgentLimit agent_limit_;

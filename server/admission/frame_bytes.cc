@@ -46,6 +46,17 @@ bool IsCompressed(const frame::OutputSpec& output) {
          output.image_format == frame::ImageFormat::kJpeg;
 }
 
+// The bytes of an encoded picture of noise.
+std::size_t CompressedBytes(const frame::FrameSpec& spec) {
+  if (!IsCompressed(spec.output)) {
+    return 0;
+  }
+  const std::size_t pixels = PixelsOf(frame::ImageSizeOf(spec));
+  return spec.output.image_format == frame::ImageFormat::kPng && IsEncodedByRows(spec)
+             ? OpaquePngBytes(pixels)
+             : pixels * kPictureBytesPerPixel;
+}
+
 // While agents answer for the plane of bounds: their answers, one of them unpacked, and the union.
 std::size_t BoundsBytes(const frame::FrameSpec& spec) {
   constexpr std::size_t kCopies = 3;
@@ -91,8 +102,9 @@ std::size_t WaitingBandBytes(const frame::FrameSpec& spec) {
 
 bool IsEncodedByRows(const frame::FrameSpec& spec) {
   // Over an opaque background all pixels are opaque, so that the first row of bands tells the
-  // channels of the PNG.
-  return spec.output.image_format == frame::ImageFormat::kPng && spec.background_color.a == 255;
+  // channels of the PNG. A JPEG always has three.
+  return spec.output.image_format == frame::ImageFormat::kJpeg ||
+         (spec.output.image_format == frame::ImageFormat::kPng && spec.background_color.a == 255);
 }
 
 std::size_t BandedBytes::most() const { return std::max({kept + band, encode, send}); }
@@ -103,16 +115,15 @@ BandedBytes BandedBytesOf(const frame::FrameSpec& spec, const view::Viewport& ba
   const std::size_t pixels = PixelsOf(picture);
   const std::size_t raw = frame::RawBytesPerPixel(spec.output);
   const bool is_by_rows = IsEncodedByRows(spec);
-  const std::size_t compressed = is_by_rows                  ? OpaquePngBytes(pixels)
-                                 : IsCompressed(spec.output) ? pixels * kPictureBytesPerPixel
-                                                             : 0;
+  const std::size_t compressed = CompressedBytes(spec);
   const std::size_t response = pixels * raw + compressed;
   BandedBytes bytes;
   bytes.kept = response + kLeastFrameBytes;
   // Its images, its planes, and the pixels of its row of bands.
   bytes.band = DrawnBytes(BandInTheMiddle(spec, band)) + PixelsOf(band) * raw +
                (is_by_rows ? PixelsOf({picture.width_px, band.height_px}) * frame::kRgba8Bytes : 0);
-  // Pixels, stripes, and the picture that is made of these; then the bounds.
+  // Pixels, stripes, and the picture that is made of these; encoded rows are freed as they are
+  // joined. Then the bounds.
   bytes.encode =
       response + std::max(is_by_rows ? 0 : 2 * compressed, BoundsBytes(spec)) + kLeastFrameBytes;
   bytes.send = (delivery == Delivery::kWhole ? 2 * response : response) + kLeastFrameBytes;

@@ -6,7 +6,8 @@
 //    pixel. A step bounds a value to 1/256 of the map's range. Where the steps that show are few,
 //    their span becomes the range, and the frame is drawn again.
 //
-// Each starts from the range over all steps, so that every agent, block and order gives the same.
+// Each starts from the range over all steps, so that every agent, block and order gives the same. If
+// a part is lost between two drawings of 3, they begin again: a range has no values of lost parts.
 
 #include "server/frame/color_ranges.h"
 
@@ -18,6 +19,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
+#include "core/picture/color_map.h"
 #include "core/picture/sample_window.h"
 #include "core/picture/visible_values.h"
 #include "server/cluster/replica_board.h"
@@ -120,17 +122,14 @@ void Narrow(const std::optional<picture::VisibleSpan>& visible, bool is_last,
   }
 }
 
-// The frame with steps in place of colours.
-AskedFrame WithSteps(const AskedFrame& asked) {
-  AskedFrame stepped = asked;
-  frame::FrameSpec& spec = stepped.spec;
-  spec.effects = {};
-  spec.sends_normals = true;
-  spec.sends_map_steps = frame::ShowsValues(spec);
-  if (frame::HasSampleCaps(spec)) {
-    spec.caps->map = frame::ColorMap::kGrey;  // its colours are the steps
+// Agents get numbers: those of positions are known without samples.
+void ResolvePositions(const volume::GridGeometry& geometry, frame::FrameSpec* spec) {
+  for (frame::Surface& surface : spec->surfaces) {
+    if (surface.color_by.has_value() && !surface.shows_values() &&
+        surface.color_by->quantity != frame::ColorBy::Quantity::kNormal) {
+      surface.color_by->range = picture::ColorRangeOf(*surface.color_by, geometry);
+    }
   }
-  return stepped;
 }
 
 // Draws the frame, or a region of it.
@@ -155,16 +154,33 @@ absl::Status DrawValues(const FrameToRange& frame, AskedFrame stepped,
   return absl::OkStatus();
 }
 
-absl::Status ResolveVisible(const FrameToRange& frame, AskedFrame* asked) {
-  frame::FrameSpec& spec = asked->spec;
-  for (int drawing = 1; wire::HasVisibleRanges(spec); ++drawing) {
-    const AskedFrame stepped = WithSteps(*asked);
-    picture::VisibleValues visible(stepped.spec);
-    if (frame.bands.empty()) {
-      ISOSCOPE_RETURN_IF_ERROR(DrawValues(frame, stepped, std::nullopt, &visible));
+// Draws the frame with steps, all its bands. Returns early if parts are lost.
+absl::Status DrawAllValues(const FrameToRange& frame, const AskedFrame& asked,
+                           picture::VisibleValues* visible) {
+  if (frame.bands.empty()) {
+    return DrawValues(frame, asked, std::nullopt, visible);
+  }
+  const std::size_t part_count = frame.parts->size();
+  for (const view::Region& band : frame.bands) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawValues(frame, asked, band, visible));
+    if (frame.parts->size() < part_count) {
+      break;
     }
-    for (const view::Region& band : frame.bands) {
-      ISOSCOPE_RETURN_IF_ERROR(DrawValues(frame, stepped, band, &visible));
+  }
+  return absl::OkStatus();
+}
+
+// Narrows the ranges until they are fine. Returns early if parts are lost.
+absl::Status NarrowToVisible(const FrameToRange& frame, AskedFrame* asked) {
+  frame::FrameSpec& spec = asked->spec;
+  const std::size_t part_count = frame.parts->size();
+  for (int drawing = 1; wire::HasVisibleRanges(spec); ++drawing) {
+    AskedFrame stepped = *asked;
+    stepped.spec = SpecOfValues(spec);
+    picture::VisibleValues visible(stepped.spec);
+    ISOSCOPE_RETURN_IF_ERROR(DrawAllValues(frame, stepped, &visible));
+    if (frame.parts->size() < part_count) {
+      return absl::OkStatus();
     }
     const bool is_last = drawing == kMaxValueDrawings;
     for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
@@ -180,11 +196,36 @@ absl::Status ResolveVisible(const FrameToRange& frame, AskedFrame* asked) {
   return absl::OkStatus();
 }
 
+absl::Status ResolveVisible(const FrameToRange& frame, AskedFrame* asked) {
+  for (;;) {
+    const std::size_t part_count = frame.parts->size();
+    AskedFrame narrowed = *asked;
+    ISOSCOPE_RETURN_IF_ERROR(NarrowToVisible(frame, &narrowed));
+    if (frame.parts->size() == part_count) {
+      *asked = std::move(narrowed);
+      return absl::OkStatus();
+    }
+  }
+}
+
 }  // namespace
+
+frame::FrameSpec SpecOfValues(const frame::FrameSpec& spec) {
+  frame::FrameSpec of_values = spec;
+  of_values.effects = {};
+  of_values.output = {.image_format = frame::ImageFormat::kNone};
+  of_values.sends_normals = true;
+  of_values.sends_map_steps = frame::ShowsValues(spec);
+  if (frame::HasSampleCaps(spec)) {
+    of_values.caps->map = frame::ColorMap::kGrey;  // its colours are the steps
+  }
+  return of_values;
+}
 
 absl::Status ResolveRanges(const FrameToRange& frame, AskedFrame* asked) {
   ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(frame.target->dataset->dataset,
                                                     frame.target->selected.at_step, &asked->spec));
+  ResolvePositions(frame.target->view.geometry(), &asked->spec);
   ISOSCOPE_RETURN_IF_ERROR(ResolvePercentiles(frame, asked));
   return ResolveVisible(frame, asked);
 }

@@ -7,6 +7,7 @@
 
 #include "absl/status/status.h"
 
+#include "core/frame/frame_spec.h"
 #include "core/view/camera.h"
 #include "server/cluster/frame_part.h"
 #include "server/frame/frame_runner.h"
@@ -25,8 +26,13 @@ struct FrameToRange {
   std::vector<view::Region> bands = {};
 };
 
-// Sets all ranges of `asked->spec` that its maps need, but for those of positions that are the
-// volume's box. The ranges follow from dataset, request and, with missing shards, from these alone.
+// Returns the frame with steps of maps in place of colours, as it is drawn to find what is visible:
+// without effects and output.
+frame::FrameSpec SpecOfValues(const frame::FrameSpec& spec);
+
+// Sets all ranges of `asked->spec` that its maps need. They follow from dataset, request and, with
+// missing shards, from these alone. Those of what is visible have only values of the parts that are
+// left in the end.
 // Blocks: percentiles ask for the histogram unless it is known, and ranges of what is visible draw
 // the frame, without effects, one to four times. Errors as FrameRunner::Run, AskHistogram and
 // wire::ResolveColorRanges.

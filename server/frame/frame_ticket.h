@@ -100,6 +100,12 @@ class FrameTicket {
                                                    const FrameNeeds& needs) const {
     return state_.memory.PlanFrame(spec, wish(), needs);
   }
+  // Returns the bands of another drawing of the frame, as CoordinatorMemory::PlanDrawing.
+  [[nodiscard]] absl::StatusOr<BandGrid> PlanDrawing(const frame::FrameSpec& drawing,
+                                                     const frame::FrameSpec& spec,
+                                                     const FrameNeeds& needs) const {
+    return state_.memory.PlanDrawing(drawing, spec, wish(), needs);
+  }
   // Call in Run: the frame as agents and observers know it. Points into the ticket.
   [[nodiscard]] FrameIdentity Identity() const;
   // The dataset that was found; before that, the one that was asked for.

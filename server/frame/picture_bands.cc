@@ -5,7 +5,8 @@
 //    bands of half the pixels. These are at most some twenty tries, of which all but the last draw
 //    little. If the last one is drawn, AgentRoom keeps its size for the next frames: a refusal of
 //    any size has another cause. Agents that lack files, or memory beyond their limit, are busy: no
-//    size helps (MayWorkSmaller).
+//    size helps (MayWorkSmaller). Ranges of what is visible have bands of their own: their drawings
+//    have one sample, no margin and no answer.
 // 2. RenderAllBands draws one band after another, each as a region of the picture.
 // 3. RenderBands begins again, with the parts that are left, if a part is lost in between
 //    (allow_partial).
@@ -19,6 +20,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
+#include "core/base/memory_info.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
@@ -57,13 +59,26 @@ absl::Status NamedForOpenGl(const absl::Status& error) {
                        "band of it: start them with --renderer cpu")};
 }
 
+// The smallest band was refused: a smaller picture is no help, which the agent can't know.
+absl::Status NamedForSmallestBand(const absl::Status& error, const frame::FrameSpec& spec,
+                                  const view::Viewport& band) {
+  const BandCosts costs = BandCostsOf(spec);
+  return costs.advice.empty()
+             ? error
+             : absl::Status(
+                   error.code(),
+                   absl::StrCat(error.message(), "; that was the smallest band, ", band.width_px,
+                                " x ", band.height_px, " pixels", costs.text, ": ", costs.advice));
+}
+
 }  // namespace
 
 // Draws at once, or in bands; in smaller ones if an agent has no room for these.
 absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                                       FrameOutput* output) {
   FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
-  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
+  const Drawing picture{.spec = asked_.spec};
+  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(picture, target, &needs));
   for (bool was_refused = false;; was_refused = true) {
     StartAgain(output);
     const absl::Status status = bands.count() == 1 ? RenderAtOnce(target, on_drawn, output)
@@ -77,8 +92,13 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
       }
       return status;
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(target, bands, status, &needs));
+    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(picture, target, bands, status, &needs));
   }
+}
+
+absl::StatusOr<BandGrid> PictureJob::Plan(const Drawing& drawing, const FrameNeeds& needs) const {
+  return drawing.is_of_values ? ticket_->PlanDrawing(drawing.spec, asked_.spec, needs)
+                              : ticket_->PlanFrame(asked_.spec, needs);
 }
 
 // Ranges of what is visible draw the picture, too.
@@ -90,8 +110,10 @@ absl::Status PictureJob::FindRanges(const FrameTarget& target) {
   if (!wire::HasVisibleRanges(asked_.spec)) {
     return ResolveRanges(frame, &asked_);
   }
-  FrameNeeds needs{.counting_bytes = DrawnBlocks::BytesOf(target.layout.block_count())};
-  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(target, &needs));
+  const frame::FrameSpec spec_of_values = SpecOfValues(asked_.spec);
+  const Drawing of_values{.spec = spec_of_values, .is_of_values = true};
+  FrameNeeds needs;
+  ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(of_values, target, &needs));
   for (bool was_refused = false;; was_refused = true) {
     frame.bands.clear();
     for (int i = 0; bands.count() > 1 && i < bands.count(); ++i) {
@@ -106,7 +128,7 @@ absl::Status PictureJob::FindRanges(const FrameTarget& target) {
       asked_ = std::move(resolved);
       return status;
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(target, bands, status, &needs));
+    ISOSCOPE_ASSIGN_OR_RETURN(bands, SmallerPlan(of_values, target, bands, status, &needs));
   }
 }
 
@@ -115,24 +137,25 @@ void PictureJob::NoteRoom(const FrameTarget& target, const FrameNeeds& needs) {
                             needs.max_drawn_pixels);
 }
 
-absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const FrameTarget& target, const BandGrid& bands,
-                                                 const absl::Status& error, FrameNeeds* needs) {
+absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const Drawing& drawing, const FrameTarget& target,
+                                                 const BandGrid& bands, const absl::Status& error,
+                                                 FrameNeeds* needs) {
   if (!MayWorkSmaller(error)) {
     return error;
   }
   // Half of what was refused; at last the least that a band draws, which margins may make more.
-  const std::size_t refused = DrawnPixelsOf(BandInTheMiddle(asked_.spec, bands.band()));
-  const std::size_t least =
-      DrawnPixelsOf(BandInTheMiddle(asked_.spec, SmallestBand(frame::ImageSizeOf(asked_.spec))));
+  const view::Viewport smallest = SmallestBand(frame::ImageSizeOf(drawing.spec));
+  const std::size_t refused = DrawnPixelsOf(BandInTheMiddle(drawing.spec, bands.band()));
+  const std::size_t least = DrawnPixelsOf(BandInTheMiddle(drawing.spec, smallest));
   if (least >= refused) {
-    return error;
+    return bands.count() > 1 ? NamedForSmallestBand(error, drawing.spec, bands.band()) : error;
   }
   needs->max_drawn_pixels = std::max(refused / 2, least);
-  const absl::StatusOr<BandGrid> smaller = ticket_->PlanFrame(asked_.spec, *needs);
+  const absl::StatusOr<BandGrid> smaller = Plan(drawing, *needs);
   if (!smaller.ok()) {
     return error;
   }
-  if (DrawnByOpenGl(target, asked_.spec)) {
+  if (DrawnByOpenGl(target, drawing.spec)) {
     return NamedForOpenGl(error);
   }
   base::LogInfo("frame_in_smaller_bands", {{"request", ticket_->request().request_id()},
@@ -142,19 +165,20 @@ absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const FrameTarget& target, cons
 }
 
 // Begins with bands that agents had room for, if they refused larger ones lately.
-absl::StatusOr<BandGrid> PictureJob::FirstPlan(const FrameTarget& target, FrameNeeds* needs) {
+absl::StatusOr<BandGrid> PictureJob::FirstPlan(const Drawing& drawing, const FrameTarget& target,
+                                               FrameNeeds* needs) {
   const std::size_t room = runner_.agent_room().MostPixels(target.dataset->dataset.dataset_id(),
-                                                           DrawnLayersOf(asked_.spec));
-  if (room > 0 && DrawnPixelsOf(asked_.spec) > room) {
+                                                           DrawnLayersOf(drawing.spec));
+  if (room > 0 && DrawnPixelsOf(drawing.spec) > room) {
     FrameNeeds within = *needs;
     within.max_drawn_pixels = room;
-    const absl::StatusOr<BandGrid> bands = ticket_->PlanFrame(asked_.spec, within);
+    const absl::StatusOr<BandGrid> bands = Plan(drawing, within);
     if (bands.ok()) {
       *needs = within;
       return *bands;
     }
   }
-  return ticket_->PlanFrame(asked_.spec, *needs);
+  return Plan(drawing, *needs);
 }
 
 absl::Status PictureJob::RenderBands(const FrameTarget& target, const BandGrid& bands,
@@ -167,6 +191,7 @@ absl::Status PictureJob::RenderBands(const FrameTarget& target, const BandGrid& 
       StartAgain(output);  // some bands have shards that others lack
       continue;
     }
+    base::ReturnFreedMemory();  // of the bands, before gRPC copies the answer
     const base::MonotonicTime encode_start = base::MonotonicNow();
     const base::TraceScope trace(recorder(), "join bands");
     ISOSCOPE_ASSIGN_OR_RETURN(

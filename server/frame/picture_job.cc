@@ -14,6 +14,7 @@
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
+#include "wire/color_range_convert.h"
 #include "wire/frame_convert.h"
 #include "wire/proto_convert.h"
 #include "wire/trace_convert.h"
@@ -183,19 +184,36 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
                             runner_.Prepare(ticket_.get(), &asked_, recorder()));
   parts_ = target.parts;
-  ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));
   FrameOutput output;
   if (asked_.spec.output.is_drawn()) {
-    ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, &output));
+    ISOSCOPE_RETURN_IF_ERROR(RenderInRanges(target, on_drawn, &output));
     ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
     ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
     ISOSCOPE_RETURN_IF_ERROR(FindUnresolved(target));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));  // which the answer tells
   }
   ISOSCOPE_RETURN_IF_ERROR(FindBounds(target, &output));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
   ticket_->CountAnswer(output.size_bytes());
   FillResponse(target, std::move(output), response);
   return absl::OkStatus();
+}
+
+// A picture that loses parts has no values of these in its ranges, either.
+absl::Status PictureJob::RenderInRanges(const FrameTarget& target,
+                                        absl::FunctionRef<void()> on_drawn, FrameOutput* output) {
+  const AskedFrame asked = asked_;
+  for (;;) {
+    ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));
+    const std::size_t part_count = parts_.size();
+    ISOSCOPE_RETURN_IF_ERROR(RenderOutput(target, on_drawn, output));
+    if (parts_.size() == part_count || !wire::HasVisibleRanges(asked.spec)) {
+      return absl::OkStatus();
+    }
+    StartAgain(output);
+    asked_ = asked;
+  }
 }
 
 void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,

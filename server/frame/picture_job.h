@@ -101,12 +101,24 @@ class PictureJob {
   };
 
   absl::Status TryRun(Response* response, absl::FunctionRef<void()> on_drawn);
+  // Finds the ranges of maps, and draws the picture.
+  absl::Status RenderInRanges(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
+                              FrameOutput* output);
   absl::Status RenderOutput(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,
                             FrameOutput* output);
-  absl::StatusOr<BandGrid> FirstPlan(const FrameTarget& target, FrameNeeds* needs);
+  // What bands are planned for: the picture, or the drawings of its values (SpecOfValues).
+  struct Drawing {
+    const frame::FrameSpec& spec;
+    bool is_of_values = false;
+  };
+  [[nodiscard]] absl::StatusOr<BandGrid> Plan(const Drawing& drawing,
+                                              const FrameNeeds& needs) const;
+  absl::StatusOr<BandGrid> FirstPlan(const Drawing& drawing, const FrameTarget& target,
+                                     FrameNeeds* needs);
   // Returns `error` if no smaller bands could help.
-  absl::StatusOr<BandGrid> SmallerPlan(const FrameTarget& target, const BandGrid& bands,
-                                       const absl::Status& error, FrameNeeds* needs);
+  absl::StatusOr<BandGrid> SmallerPlan(const Drawing& drawing, const FrameTarget& target,
+                                       const BandGrid& bands, const absl::Status& error,
+                                       FrameNeeds* needs);
   // Keeps the size of bands that agents had room for, after a refusal of larger ones.
   void NoteRoom(const FrameTarget& target, const FrameNeeds& needs);
   absl::Status RenderAtOnce(const FrameTarget& target, absl::FunctionRef<void()> on_drawn,

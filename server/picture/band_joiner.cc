@@ -1,7 +1,7 @@
 // A PNG over an opaque background has three channels, so its head is known before its pixels. Its
 // rows are encoded in whole stripes (image::PngRowWriter); rows of a stripe that is not complete
-// wait for the next row of bands. Other compressed pictures wait as pixels: a PNG has three
-// channels or four, which the last pixel may decide, and a JPEG is encoded in one go.
+// wait for the next row of bands. A JPEG takes rows as they come (image::JpegRowWriter). A PNG over
+// another background waits as pixels: its last pixel may decide that it has four channels.
 
 #include "server/picture/band_joiner.h"
 
@@ -15,7 +15,6 @@
 #include "core/base/check.h"
 #include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
-#include "core/image/jpeg_codec.h"
 
 namespace isoscope::server {
 namespace {
@@ -30,10 +29,12 @@ BandJoiner::BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows)
     : spec_(spec), size_(frame::ImageSizeOf(spec)) {
   const frame::OutputSpec& wanted = spec.output;
   const std::size_t pixels = Times(size_.width_px, size_.height_px);
-  if (is_encoded_by_rows && wanted.image_format == frame::ImageFormat::kPng &&
-      spec.background_color.a == 255) {
-    rows_.emplace(size_.width_px, size_.height_px, /*is_opaque=*/true);
-    encoded_rows_.push_back(rows_->Begin());
+  if (is_encoded_by_rows && wanted.image_format == frame::ImageFormat::kJpeg) {
+    jpeg_rows_.emplace(size_.width_px, size_.height_px, spec.background_color, wanted.jpeg_quality);
+  } else if (is_encoded_by_rows && wanted.image_format == frame::ImageFormat::kPng &&
+             spec.background_color.a == 255) {
+    png_rows_.emplace(size_.width_px, size_.height_px, /*is_opaque=*/true);
+    encoded_rows_.push_back(png_rows_->Begin());
   } else if (wanted.image_format == frame::ImageFormat::kRgba8) {
     output_.image.resize(pixels * frame::kRgba8Bytes);
   } else if (wanted.image_format != frame::ImageFormat::kNone) {
@@ -52,8 +53,8 @@ void BandJoiner::AddPicture(const view::Region& band, const image::FrameImage& i
     return;
   }
   const bool is_raw = spec_.output.image_format == frame::ImageFormat::kRgba8;
-  const bool shows_background = is_raw || rows_.has_value();
-  if (rows_.has_value()) {
+  const bool shows_background = is_raw || png_rows_.has_value();
+  if (is_by_rows()) {
     pixels_.resize(
         std::max(pixels_.size(), Times(size_.width_px, band.y + band.height_px - begin_row_)));
   }
@@ -99,23 +100,36 @@ void BandJoiner::AddPlane(const view::Region& band, std::size_t pixel_bytes,
   }
 }
 
-absl::Status BandJoiner::EncodeRows() {
-  if (!rows_.has_value()) {
-    return absl::OkStatus();
-  }
-  if (!is_opaque_) {
-    return absl::InternalError("a pixel over an opaque background is translucent");
+int BandJoiner::RowsToEncode() const {
+  const int waiting = complete_row_count_ - begin_row_;
+  if (jpeg_rows_.has_value() || complete_row_count_ == size_.height_px) {
+    return waiting;
   }
   const int stripe_rows = image::PngRowWriter::RowsPerStripe(size_.width_px);
-  const int waiting = complete_row_count_ - begin_row_;
-  const int count =
-      complete_row_count_ == size_.height_px ? waiting : waiting / stripe_rows * stripe_rows;
-  const std::size_t pixel_count = Times(size_.width_px, count);
-  if (pixel_count > 0) {
-    encoded_rows_.push_back(rows_->Append(std::span(pixels_).first(pixel_count)));
-    pixels_.erase(pixels_.begin(), pixels_.begin() + static_cast<std::ptrdiff_t>(pixel_count));
-    begin_row_ += count;
+  return waiting / stripe_rows * stripe_rows;
+}
+
+absl::Status BandJoiner::EncodeRows() {
+  if (!is_by_rows()) {
+    return absl::OkStatus();
   }
+  if (png_rows_.has_value() && !is_opaque_) {
+    return absl::InternalError("a pixel over an opaque background is translucent");
+  }
+  const int count = RowsToEncode();
+  if (count == 0) {
+    return absl::OkStatus();
+  }
+  const std::size_t pixel_count = Times(size_.width_px, count);
+  const auto rows = std::span<const image::Rgba8>(pixels_).first(pixel_count);
+  if (jpeg_rows_.has_value()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::string bytes, jpeg_rows_->Append(rows));
+    encoded_rows_.push_back(std::move(bytes));
+  } else {
+    encoded_rows_.push_back(png_rows_->Append(rows));
+  }
+  pixels_.erase(pixels_.begin(), pixels_.begin() + static_cast<std::ptrdiff_t>(pixel_count));
+  begin_row_ += count;
   return absl::OkStatus();
 }
 
@@ -136,10 +150,13 @@ std::string BandJoiner::TakeEncodedRows() {
 
 absl::StatusOr<FrameOutput> BandJoiner::Finish() {
   const frame::OutputSpec& wanted = spec_.output;
-  if (rows_.has_value()) {
+  if (is_by_rows()) {
     ISOSCOPE_RETURN_IF_ERROR(EncodeRows());
+    ISOSCOPE_CHECK_EQ(begin_row_, size_.height_px);
     pixels_ = {};
-    encoded_rows_.push_back(rows_->End());
+    if (png_rows_.has_value()) {
+      encoded_rows_.push_back(png_rows_->End());
+    }
     output_.image = TakeEncodedRows();
   } else if (!pixels_.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(

@@ -15,6 +15,7 @@
 
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
+#include "core/image/jpeg_codec.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"
 #include "server/picture/frame_output.h"
@@ -27,8 +28,9 @@ namespace isoscope::server {
 class BandJoiner {
  public:
   // spec:               of the whole; outlives the joiner
-  // is_encoded_by_rows: a PNG over an opaque background is encoded as soon as bands are there, which
-  //                     keeps its encoded bytes in place of its pixels; ignored for other pictures
+  // is_encoded_by_rows: a JPEG, or a PNG over an opaque background, is encoded as soon as bands are
+  //                     there, which keeps its encoded bytes in place of its pixels; ignored for
+  //                     other pictures
   BandJoiner(const frame::FrameSpec& spec, bool is_encoded_by_rows);
 
   // Adds the picture of a band, given in pixels of the whole, unless none is wanted. REQUIRES: the
@@ -37,7 +39,7 @@ class BandJoiner {
   // Adds the planes of a band, without its picture.
   void AddPlanes(const view::Region& band, const FrameOutput& planes);
   // Encodes the rows that are complete. Call it when the images of the band are gone. INTERNAL if a
-  // pixel over an opaque background is translucent.
+  // pixel of a PNG over an opaque background is translucent; RESOURCE_EXHAUSTED if memory runs out.
   absl::Status EncodeRows();
 
   // Returns the output of the whole. REQUIRES: all bands were added. RESOURCE_EXHAUSTED if memory
@@ -45,13 +47,18 @@ class BandJoiner {
   absl::StatusOr<FrameOutput> Finish();
 
  private:
+  [[nodiscard]] bool is_by_rows() const { return png_rows_.has_value() || jpeg_rows_.has_value(); }
   void AddPlane(const view::Region& band, std::size_t pixel_bytes, const std::string& from,
                 std::string* to) const;
+  // Returns how many of the complete rows are encoded now.
+  [[nodiscard]] int RowsToEncode() const;
   [[nodiscard]] std::string TakeEncodedRows();
 
   const frame::FrameSpec& spec_;
   const view::Viewport size_;
-  std::optional<image::PngRowWriter> rows_;  // not set: the picture is encoded at the end
+  // Neither is set: the picture is encoded at the end.
+  std::optional<image::PngRowWriter> png_rows_;
+  std::optional<image::JpegRowWriter> jpeg_rows_;
   // Pixels from row begin_row_ on: those that are not encoded. Pixels of raw pictures go to
   // output_.
   std::vector<image::Rgba8> pixels_;

@@ -40,6 +40,30 @@ def test_a_percentile_is_the_smallest_value_that_its_share_does_not_exceed():
     assert interactive.median([]) == 0
 
 
+class Camera:
+    def azimuth(self, degrees):
+        return ('azimuth', degrees)
+
+
+class Dataset:
+    def camera(self, view, azimuth, elevation):
+        return Camera()
+
+
+@pytest.mark.parametrize('flags, words', [([], {}), (['--level', '0'], {'level': 0}), (['--level', '2'], {'level': 2}),
+                                          (['--max-spacing', '1.1'], {'max_spacing': 1.1})])
+def test_frames_ask_for_the_level_that_is_given_and_for_none_without(flags, words):
+    arguments = interactive.make_parser().parse_args(['drag', 'head', '--isovalue', '60', *flags])
+    assert interactive.look_of(Dataset(), arguments, 3) == {
+        'isovalue': 60, 'camera': ('azimuth', 3), 'size': (1024, 1024), **words}
+
+
+def test_a_level_and_a_spacing_exclude_each_other(capsys):
+    with pytest.raises(SystemExit):
+        interactive.make_parser().parse_args(['drag', 'head', '--isovalue', '60', '--level', '1', '--max-spacing', '2'])
+    assert 'not allowed with' in capsys.readouterr().err
+
+
 def dragged(is_exact=True):
     return interactive.Drag(seconds=2, latencies_ms=[10, 30, 20], heights_px=[512, 1024, 1024],
                             frame_bytes=[2048, 1024, 4096], exact_ms=150, exact_is_that_of_render=is_exact)

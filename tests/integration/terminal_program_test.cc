@@ -223,7 +223,7 @@ TEST_F(TerminalTest, ViewDrawsTheExactFrameAndSaysItsFlags) {
   EXPECT_EQ(screen.pictures.back().file, ReadFile(png)) << "the same bytes as render's";
 }
 
-TEST_F(TerminalTest, ASegmentationOpensAsLabelsWhichAKeyShowsAlone) {
+TEST_F(TerminalTest, ASegmentationOpensAsLabelsWhichKeysShowAloneHideAndHighlight) {
   MustRun({"generate", "labels", "--dims", "32,32,32", "--regions", "3", "--output",
            Path("labels.nrrd")},
           Options());
@@ -238,6 +238,17 @@ TEST_F(TerminalTest, ASegmentationOpensAsLabelsWhichAKeyShowsAlone) {
   ASSERT_TRUE(terminal.ReadUntil([](const std::string& bytes) {
     return absl::StrContains(bytes, "(2 of 3)") && HasExact(bytes);
   }));
+  // Hidden, and the next one highlighted before the one that is left.
+  terminal.Forget();
+  terminal.Press("x");
+  ASSERT_TRUE(terminal.ReadUntil([](const std::string& bytes) {
+    return absl::StrContains(bytes, "2 of 3 labels") && HasExact(bytes);
+  }));
+  terminal.Forget();
+  terminal.Press("d");
+  ASSERT_TRUE(terminal.ReadUntil([](const std::string& bytes) {
+    return absl::StrContains(bytes, "(3 of 3) highlighted") && HasExact(bytes);
+  }));
   terminal.Press("q");
   ASSERT_EQ(terminal.Wait(), 0) << terminal.bytes();
   const TerminalScreen screen = ReadTerminalBytes(terminal.bytes());
@@ -249,6 +260,7 @@ TEST_F(TerminalTest, ASegmentationOpensAsLabelsWhichAKeyShowsAlone) {
   const std::vector<std::string> flags =
       absl::StrSplit(line.substr(0, line.find_first_of("\r\n")), ' ');
   EXPECT_EQ(flags[0], "--label");
+  EXPECT_THAT(line, HasSubstr(":0.150000006 --label "));
   const std::string png = Path("again.png");
   MustRun(
       Join({"render", Path("labels.nrrd"), "--renderer", "cpu", "--no-metadata", "--output", png},

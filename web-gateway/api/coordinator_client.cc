@@ -3,21 +3,25 @@
 // 1. The constructor sets deadline, token and identity; Start begins the stub's asynchronous
 //    method.
 // 2. A reaction hands the answer, or each message of a stream, to the caller's function.
-// 3. The last reaction deletes the call, and only then removes it from the counter.
+// 3. The last reaction deletes the call, and only then removes it from the counter. So does the
+//    alarm of a Pause.
 //
 // Invariant: when the counter is 0, no gRPC object of a call is left. So the client can be
 // destroyed, and no thread of gRPC drops the last reference to the channel.
 
 #include "web-gateway/api/coordinator_client.h"
 
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include <grpcpp/alarm.h>
 #include <grpcpp/support/client_callback.h>
 
 #include "clients/cpp/connection/coordinator_channel.h"
 #include "core/base/monotonic_time.h"
 #include "rpc/grpc_status.h"
+#include "rpc/grpc_time.h"
 #include "rpc/signs_of_life.h"
 #include "wire/response_splitter.h"
 
@@ -147,6 +151,52 @@ class ReadCall final : public CallBase, public grpc::ClientReadReactor<Message> 
   absl::Status visited_ = absl::OkStatus();
 };
 
+// A wait between two calls, which its alarm ends.
+class Pause {
+ public:
+  using Done = std::function<void(absl::Status)>;
+
+  Pause(CallCounter* calls, std::shared_ptr<RequestScope> scope, Done done)
+      : calls_(calls), scope_(std::move(scope)), done_(std::move(done)) {
+    calls_->Add();
+  }
+
+  static void Begin(const std::shared_ptr<Pause>& pause, absl::Duration delay) {
+    const base::MutexLock lock(&pause->mutex_);  // the alarm may ring at once
+    pause->self_ = pause;
+    pause->alarm_ = std::make_unique<grpc::Alarm>();
+    pause->alarm_->Set(base::MonotonicNow() + delay,
+                       [raw = pause.get()](bool /*rang*/) { End(raw->TakeSelf()); });
+    if (pause->scope_ != nullptr) {
+      // gRPC calls the alarm's function on another thread, also if it is cancelled.
+      pause->on_cancel_.emplace(*pause->scope_, [alarm = pause->alarm_.get()] { alarm->Cancel(); });
+    }
+  }
+
+ private:
+  [[nodiscard]] std::shared_ptr<Pause> TakeSelf() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return std::move(self_);
+  }
+
+  static void End(std::shared_ptr<Pause> pause) {
+    CallCounter* const calls = pause->calls_;
+    pause->on_cancel_.reset();  // before the alarm that it uses
+    pause->done_(pause->scope_ == nullptr ? absl::OkStatus() : pause->scope_->Check());
+    pause.reset();
+    calls->Remove();
+  }
+
+  CallCounter* const calls_;
+  const std::shared_ptr<RequestScope> scope_;
+  const Done done_;
+  base::Mutex mutex_;
+  std::shared_ptr<Pause> self_ ABSL_GUARDED_BY(mutex_);  // until the alarm has rung
+  // Set once, before the alarm can end the wait.
+  std::unique_ptr<grpc::Alarm> alarm_;
+  std::optional<base::Cancellation::Callback> on_cancel_;
+};
+
 // Starts the unary call `method` of the stub's service.
 template <typename Request, typename Response, typename Async>
 void CallUnary(CoordinatorClient* client, CallOptions call_options, absl::Duration duration,
@@ -236,8 +286,9 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
     std::size_t bytes = 0;
   };
   const auto whole = std::make_shared<Whole>();
-  const auto append = [whole, limit = max_picture_bytes_](
+  const auto append = [whole, limit = max_picture_bytes_, output = in_parts.request().output()](
                           v1::RenderIsosurfaceStreamResponse* message) -> absl::Status {
+    const bool is_first = whole->bytes == 0;
     whole->bytes += message->ByteSizeLong();
     if (whole->bytes > limit) {
       return absl::ResourceExhaustedError(
@@ -246,6 +297,9 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
                        "fewer pixels"));
     }
     wire::AppendPart(std::move(*message->mutable_part()), &whole->response);
+    if (is_first) {
+      wire::ReserveRaw(output, limit, &whole->response);
+    }
     return absl::OkStatus();
   };
   auto* const call =
@@ -278,6 +332,12 @@ void CoordinatorClient::Export(
                      grpc::ClientReadReactor<v1::ExportIsosurfaceResponse>* reactor) {
     channel_->isosurface()->async()->ExportIsosurface(context, sent, reactor);
   });
+}
+
+void CoordinatorClient::Wait(absl::Duration delay, CallOptions call_options,
+                             std::function<void(absl::Status)> done) {
+  Pause::Begin(std::make_shared<Pause>(&calls_, std::move(call_options.scope), std::move(done)),
+               delay);
 }
 
 }  // namespace isoscope::gateway

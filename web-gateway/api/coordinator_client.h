@@ -102,6 +102,13 @@ class CoordinatorClient {
               std::function<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
               std::function<void(absl::Status)> done);
 
+  // Calls `done` after `delay`, or with CANCELLED once the call's request is cancelled. Counts as a
+  // call.
+  void Wait(absl::Duration delay, CallOptions call, std::function<void(absl::Status)> done);
+
+  // The deadline of a picture, a pick or a mesh.
+  [[nodiscard]] absl::Duration max_duration() const { return max_duration_; }
+
   // Waits until all calls have ended.
   void AwaitCalls() { calls_.AwaitNone(); }
 

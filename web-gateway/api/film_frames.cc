@@ -1,10 +1,12 @@
 #include "web-gateway/api/film_frames.h"
 
+#include <optional>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 
+#include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -28,6 +30,12 @@ class FilmFrames : public std::enable_shared_from_this<FilmFrames> {
       return;
     }
     request_ = *std::move(request);
+    last_try_ = base::MonotonicNow() + options_.client->max_duration();
+    Draw();
+  }
+
+ private:
+  void Draw() {
     options_.client->Render(
         request_, options_.call,
         [self = shared_from_this()](absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
@@ -35,11 +43,10 @@ class FilmFrames : public std::enable_shared_from_this<FilmFrames> {
         });
   }
 
- private:
   void Take(absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
     const absl::Status status = rendered.ok() ? options_.call.scope->Check() : rendered.status();
     if (!status.ok()) {
-      End(status);
+      RetryOrEnd(status);
       return;
     }
     if (options_.is_head) {
@@ -57,6 +64,23 @@ class FilmFrames : public std::enable_shared_from_this<FilmFrames> {
                                                             "their films"),
                                absl::Seconds(1)));
     }
+  }
+
+  // Asks for the same frame when its refusal says so: the frames before it are not lost.
+  void RetryOrEnd(const absl::Status& refusal) {
+    const std::optional<absl::Duration> delay = base::RetryDelayOf(refusal);
+    if (!delay.has_value() || base::MonotonicNow() + *delay >= last_try_) {
+      End(refusal);
+      return;
+    }
+    options_.client->Wait(*delay, options_.call,
+                          [self = shared_from_this()](const absl::Status& waited) {
+                            if (waited.ok()) {
+                              self->Draw();
+                            } else {
+                              self->End(waited);
+                            }
+                          });
   }
 
   void Add(v1::RenderIsosurfaceResponse frame) {
@@ -85,6 +109,7 @@ class FilmFrames : public std::enable_shared_from_this<FilmFrames> {
   std::unique_ptr<FilmAnswer> film_;
   Done done_;
   v1::RenderIsosurfaceRequest request_;  // of the frame in work
+  base::MonotonicTime last_try_;         // of that frame
 };
 
 }  // namespace

@@ -22,7 +22,9 @@ struct FilmFramesOptions {
   bool is_head = false;     // the film ends with its first frame
 };
 
-// Asks the coordinator for each frame, adds it on a thread of `drawing`, and asks for the next. Calls
+// Asks the coordinator for each frame, adds it on a thread of `drawing`, and asks for the next. A
+// frame that is refused with a retry delay is asked for again after it, for max_duration() of the
+// client at most. Calls
 // `done` once, on one of these threads or of gRPC's, after the file of a film that failed is gone.
 // Once the scope is cancelled the frame in work ends, and neither client nor executor is used again.
 // Both outlive the film.

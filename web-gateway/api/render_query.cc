@@ -331,10 +331,8 @@ absl::StatusOr<FilmQuery> FilmQueryFromQuery(const QueryParameters& query,
                                              const v1::Dataset& dataset) {
   FilmFlags flags;
   ISOSCOPE_RETURN_IF_ERROR(ParseInto(query, &flags));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(flags.sweep)));
-  if (flags.sweep.is_step_sweep() && flags.viewed.request.selection.time) {
-    return absl::InvalidArgumentError("time and step exclude each other: give one of them");
-  }
+  ISOSCOPE_RETURN_IF_ERROR(
+      ParameterError(client::CheckUsage(flags.sweep, flags.viewed.request.selection)));
   FilmQuery film;
   ISOSCOPE_ASSIGN_OR_RETURN(film.first, RequestOf(dataset, &flags.viewed));
   film.sweep = flags.sweep;

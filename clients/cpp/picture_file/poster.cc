@@ -39,11 +39,12 @@ bool NeedsRegions(const view::Viewport& viewport) {
          std::int64_t{viewport.width_px} * viewport.height_px > kMaxSinglePixels;
 }
 
-view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px) {
+view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px,
+                            std::int64_t max_strip_bytes) {
   const int stripe_rows = image::PngRowWriter::RowsPerStripe(viewport.width_px);
   const std::int64_t row_bytes = std::int64_t{viewport.width_px} * 4;  // RGBA
   const auto most_rows = static_cast<int>(std::min<std::int64_t>(
-      {view::kCommonViewport.height_px, kMaxStripBytes / row_bytes, viewport.height_px}));
+      {view::kCommonViewport.height_px, max_strip_bytes / row_bytes, viewport.height_px}));
   // Whole stripes of the PNG, so that the bytes do not depend on the strips.
   const int rows = std::max(most_rows / stripe_rows * stripe_rows, stripe_rows);
   const auto columns = static_cast<int>(kRegionPixels / std::min(rows, viewport.height_px));

@@ -25,8 +25,9 @@ bool NeedsRegions(const view::Viewport& viewport);
 
 // Returns the size of a region; those at the right and at the bottom may be smaller. It has about
 // as many pixels as view::kCommonViewport, and at most `max_side_px` >=
-// view::kCommonViewport.height_px a side.
-view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px = view::kMaxViewportPx);
+// view::kCommonViewport.height_px a side. `max_strip_bytes` is in [1, kMaxStripBytes].
+view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px = view::kMaxViewportPx,
+                            std::int64_t max_strip_bytes = kMaxStripBytes);
 
 // Calls `render` for the regions, row by row from the top left, and writes the picture to `path`,
 // which appears complete or not at all. The pixels are those of image::EncodePng for the whole, and

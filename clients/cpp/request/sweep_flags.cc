@@ -224,7 +224,7 @@ void AddSweepFlags(cli::FlagSet* set, SweepFlags* flags, RequestFlags* request) 
                "frames a second of an animation, 0.1 to 120 (default: 12)");
 }
 
-absl::Status CheckUsage(const SweepFlags& flags) {
+absl::Status CheckUsage(const SweepFlags& flags, const SelectionFlags& selection) {
   if (flags.is_isovalue_sweep() && flags.repeat_count) {
     return cli::UsageError(
         absl::StrCat("--repeat can't be used with a sweep of isovalues, which has ",
@@ -239,6 +239,9 @@ absl::Status CheckUsage(const SweepFlags& flags) {
     return cli::UsageError(absl::StrCat("--step A:B is a sweep of its own: leave ",
                                         flags.repeat_count ? "--repeat" : "the sweep of isovalues",
                                         " out"));
+  }
+  if (flags.is_step_sweep() && selection.time) {
+    return cli::UsageError("--time and --step exclude each other: --step A:B names all steps");
   }
   return absl::OkStatus();
 }

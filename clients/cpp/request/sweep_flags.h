@@ -92,8 +92,8 @@ struct SweepFlags {
 // name several. Both must outlive the parsing.
 void AddSweepFlags(cli::FlagSet* set, SweepFlags* flags, RequestFlags* request);
 
-// UsageError if the flags do not fit each other.
-absl::Status CheckUsage(const SweepFlags& flags);
+// UsageError if the flags do not fit each other, or name a step beside that of `selection`.
+absl::Status CheckUsage(const SweepFlags& flags, const SelectionFlags& selection);
 
 // Finds the steps of a sweep among those that the dataset serves. INVALID_ARGUMENT if there are
 // none.

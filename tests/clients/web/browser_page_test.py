@@ -715,6 +715,27 @@ class DownloadTest(Downloads, base.PageTest):
         self.open_dialog()
         self.assertTrue(self.js('const { options, value } = document.getElementById("film-kind"); return options[1].disabled && value === "turn"'))
 
+    def test_the_command_is_that_of_the_picture_the_film_or_the_mesh(self):
+        self.open_and_wait('#dataset=flow&surface=40:1,0,0&step=1')
+        self.until('document.getElementById("step").max === "5"')
+        self.open_dialog()
+        self.assertIn('--output picture.png', self.by_id('command').text)
+        self.fill(width=40, height=30, film_frames=6, film_rate=10, draw_axes=True, mesh_format='ply', command_of='film')
+        for words in ('isoscope render', '--step 1', '--axes', '--samples 4', '--width 40', '--repeat 6', '--orbit 60', '--fps 10', '--output film.apng'):
+            self.assertIn(words, self.by_id('command').text)
+        self.fill(film_kind='steps', film_stride=2)
+        self.assertIn('--step 0:4:2', self.by_id('command').text)
+        self.assertIn("--caption '{time}'", self.by_id('command').text)
+        self.assertIn('the time as caption', self.by_id('film-hint').text)
+        self.fill(film_rate=0)
+        self.assertEqual('A film has 0.1 to 120 frames a second.', self.by_id('command-hint').text)
+        self.assertFalse(self.by_id('copy-command').is_enabled())
+        self.fill(command_of='mesh')
+        self.assertEqual(['isoscope export --server HOST:50051', '--dataset flow', '--step 1', '--surface 40:1,0,0', '--output mesh.ply'],
+                         self.by_id('command').text.split(' \\\n  '))
+        self.assertIn('writes this mesh', self.by_id('command-hint').text)
+        self.assertTrue(self.by_id('copy-command').is_enabled())
+
     def test_a_film_that_the_page_could_not_hold_can_t_be_begun_and_says_why(self):
         self.open_and_wait('#dataset=ball&surface=40')
         self.open_dialog()
@@ -780,21 +801,23 @@ class RealDownloadTest(Downloads, base.RealPageTest):
         self.by_id('save-png').click()
         picture = self.file(f'{name}.png')
         drawn = base.decode_png(picture)
-        words = shlex.split(self.by_id('command').text.replace('\\\n', ' '))
 
         def run(*flags):
-            subprocess.run([self.program, *flags, '--renderer', 'cpu'], check=True, cwd=self.folder, env=self.environment,
+            subprocess.run([self.program, *flags], check=True, cwd=self.folder, env=self.environment,
                            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+        def run_command(*flags):
+            run(*shlex.split(self.by_id('command').text.replace('\\\n', ' '))[1:], *flags)
 
         def made(file):
             with open(os.path.join(self.folder, file), 'rb') as opened:
                 return opened.read()
         # The command draws the same; the record makes what was drawn over.
-        run(*words[1:])
+        run_command('--renderer', 'cpu')
         self.assertEqual(1, self.share_of_equal(drawn, base.decode_png(made('picture.png'))))
         with open(os.path.join(self.folder, 'saved.png'), 'wb') as saved:
             saved.write(picture)
-        run('render', self.volume, '--like', 'saved.png', '--output', 'again.png')
+        run('render', self.volume, '--like', 'saved.png', '--output', 'again.png', '--renderer', 'cpu')
         # The legend is at the right side.
         self.fill(draw_legend=False, draw_axes=False, draw_scale_bar=False, caption='', record=False)
         self.by_id('save-png').click()
@@ -809,15 +832,21 @@ class RealDownloadTest(Downloads, base.RealPageTest):
         count, = struct.unpack('<I', mesh[80:84])
         self.assertGreater(count, 1000)
         self.assertEqual(84 + 50 * count, len(mesh))
+        self.fill(command_of='mesh')
+        run_command()
+        self.assertEqual(count, struct.unpack('<I', made('mesh.stl')[80:84])[0])
+        self.fill(command_of='picture')
 
         self.fill(width=90, height=60, film_frames=5, film_rate=10, film_format='apng')
         self.by_id('save-film').click()
         film = self.file(f'{name}.apng')
         self.assertEqual(5, self.chunks(film).count('fcTL'))
         self.assertGreaterEqual(self.chunks(film).count('fdAT'), 4)
-        words = shlex.split(self.by_id('command').text.replace('\\\n', ' '))
-        run(*words[1:])
+        run_command('--renderer', 'cpu')
         self.assertEqual(1, self.share_of_equal(base.decode_png(film), base.decode_png(made('picture.png'))))
+        self.fill(command_of='film')
+        run_command('--renderer', 'cpu')
+        self.assertEqual(film, made('film.apng'))
         played = self.played(film, 'image/png')
         self.assertEqual((5, 90, 60, 5), (*played[:3], len(set(played[4]))))
         if self.js('return [...document.getElementById("film-format").options].some(({ value }) => value === "webp")'):

@@ -132,7 +132,7 @@ class PageTest(unittest.TestCase):
     def setUp(self):
         self.browser.get('about:blank')
         self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, steps=6,
-                             features=['notes'], note=None, maxViewportPx=4096, mostPixels=None, hasWebp=False, reset=True)
+                             features=['notes'], note=None, maxViewportPx=4096, mostPixels=None, hasWebp=False, hidden=None, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')
@@ -418,6 +418,20 @@ class ControlTest(PageTest):
                          [asked['viewport']['widthPx'], asked['viewport']['heightPx']])
         self.assertNotIn('withNotes', asked)
         self.until('location.hash.includes("color-by=z:viridis:0.123,7.988")')
+
+    def test_a_surface_that_does_not_show_counts_for_no_visible_range(self):
+        self.gateway.control(features=['notes', 'color_ranges'], hidden=1)
+        # The second surface is behind the first, and the third is clear.
+        self.open_and_wait('#dataset=ball&surface=40:1,1,1&surface=50:1,0,0&surface=60:0,1,0:0&color-by=z:viridis')
+        self.js('document.getElementById("range-visible").click()')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy.range?.max === 7.988')
+        self.assertEqual(3 * [{'min': 0.123, 'max': 7.988}], self.js('return isoscope.view.state.surfaces.map(({ colorBy }) => colorBy.range)'))
+        self.assertEqual(['QUANTITY_POSITION_Z', 'QUANTITY_POSITION_X'],
+                         [asked['surfaces'][1]['colorBy']['quantity'] for asked in self.gateway.control()['renders'][-2:]])
+        # Where all show, one answer is enough.
+        self.gateway.control(hidden=None, reset=True)
+        self.js('document.getElementById("range-visible").click()')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy.range?.min === -0.877')
 
     def test_cuts_that_show_samples_have_a_window(self):
         self.gateway.control(features=['notes', 'color_ranges'])

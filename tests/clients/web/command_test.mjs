@@ -8,8 +8,9 @@ import { basename, join } from 'node:path';
 import { after, test } from 'node:test';
 
 import { ApngWriter } from '../../../clients/web/apng.js';
+import { filmToCommand, meshToCommand, stateToCommand } from '../../../clients/web/commands.js';
 import { COLOR_MAPS } from '../../../clients/web/parameters.js';
-import { FLAGS, stateFromHash, stateToCommand, withFirstLook } from '../../../clients/web/view-state.js';
+import { FLAGS, MESH_FORMATS, stateFromHash, withFirstLook } from '../../../clients/web/view-state.js';
 
 const program = join(process.env.ISOSCOPE_BIN ?? '', 'isoscope');
 const folder = mkdtempSync(join(tmpdir(), 'isoscope-command-'));
@@ -146,6 +147,33 @@ test('a film of pictures has the bytes of the film of the command line', async (
   }
   const film = Buffer.from(await writer.finish().arrayBuffer());
   assert.ok(film.equals(readFileSync(join(folder, 'turn.apng'))));
+});
+
+test('the command of a film draws its frames, of a turn and of steps', () => {
+  const film = { format: 'apng', frameCount: 3, steps: [0, 1], framesPerSecond: 7.5, width: 40, height: 30 };
+  const state = { surfaces: [{ ...SURFACE, color: undefined }], samples: 4, camera: CAMERA };
+  for (const [kind, source, of, count] of [['turn', volume, state, 3], ['steps', flow, { selection: { field: 'temperature', timeStep: 1 }, surfaces: [WARM] }, 2]]) {
+    const words = wordsOf(filmToCommand({ ...film, kind }, [0, 1], of, { file: basename(source) }, { axes: true }) ?? '');
+    const { status, text } = run([...words, '--renderer', 'cpu']);
+    assert.equal(status, 0, text);
+    // Frames are counted by the chunk acTL: its length, its type, then their number.
+    const drawn = readFileSync(join(folder, 'film.apng'));
+    assert.equal(drawn.readUInt32BE(drawn.indexOf('acTL') + 4), count, kind);
+    rmSync(join(folder, 'film.apng'));
+  }
+});
+
+test('the command of a mesh writes it in each format, with its surfaces and cuts', () => {
+  const surfaces = [{ ...SURFACE, color: { ...SURFACE.color, alpha: 0.4 } }, { isovalue: 140 }];
+  for (const [format] of MESH_FORMATS) {
+    const { status, text } = run(wordsOf(meshToCommand({ surfaces, clip: CLIP, samples: 4, camera: CAMERA, caps: {} }, format, { file: basename(volume) })));
+    assert.equal(status, 0, text);
+    assert.ok(readFileSync(join(folder, `mesh.${format}`)).length > 1000);
+  }
+  for (const [name, state] of Object.entries({ ...SERIES_STATES, labels: STATES['labels, one a set'], smooth: STATES['smooth labels'] })) {
+    const { status, text } = run(wordsOf(meshToCommand(state, 'glb', { file: basename(name in SERIES_STATES ? flow : volume) })));
+    assert.equal(status, 0, `${name}: ${text}`);
+  }
 });
 
 test('the command of a server that asks for a token has a flag of the program for it', () => {

@@ -3,11 +3,12 @@ import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
+import { stateToCommand } from '../../../clients/web/commands.js';
 import {
   LABEL_COLORS, allLabels, areSmooth, asShown, colorOfLabel, foundLabels, inOrder, indexOfLabel, indexWithLabel, isNothing, nameOfLabels,
   nothingOf, onlyLabel, textOfValues, valuesOfText, withColors, withHighlight, withLabels, withSmooth,
 } from '../../../clients/web/label-sets.js';
-import { stateFromHash, stateToCommand, stateToHash, stateToLink, withMaterialOf } from '../../../clients/web/view-state.js';
+import { stateFromHash, stateToHash, stateToLink, withMaterialOf } from '../../../clients/web/view-state.js';
 
 // As the gateway writes it: what is 0 or empty is left out.
 const BODY = { name: 'body', labels: [{ name: 'air' }, { value: 1, name: 'Left lung', color: { red: 1, blue: 0.2 } },

@@ -218,7 +218,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false, hidden: null };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 };
 const streams = new Set();
 
@@ -444,7 +444,9 @@ async function respond(request, body, reply) {
       const frame = JSON.parse(body);
       seen.renders.push(frame);
       const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
-      const mapped = surfacesOf(frame).flatMap(({ colorBy }, i) => colorBy ? [[i, [0.123456 - i, 7.98765]]] : []);
+      // Of a surface that does not show, a server tells the range of all values: of positions the volume's box.
+      const rangeOf = (colorBy, i) => i !== control.hidden ? [0.123456 - i, 7.98765] : colorBy.quantity === 'QUANTITY_POSITION_X' ? [0, 100] : [-1000, 1000];
+      const mapped = surfacesOf(frame).flatMap(({ colorBy }, i) => colorBy ? [[i, rangeOf(colorBy, i)]] : []);
       reply(200, 'image/png', encodePng(image.width, image.height, image.rgb), { 'X-Isoscope-Camera': JSON.stringify(view.cameraToJson(image.camera)),
         ...(mapped.length > 0 ? { 'X-Isoscope-Color-Ranges': JSON.stringify(Object.fromEntries(mapped)) } : {}) });
     } else if (/^mesh\.\w+$/.test(parts[3])) {

@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { PALETTE, fromHex, nextColor, paintedApart, tidy, tidyRange, toHex, whyBeyond } from '../../../clients/web/values.js';
+import { PALETTE, fromHex, isSameRange, nextColor, paintedApart, rangesOfChart, tidy, tidyRange, toHex, unitedRange, whyBeyond } from '../../../clients/web/values.js';
 
 test('suggested values have the digits that their range can tell apart, and no more', () => {
   for (const [value, span, text] of [[30.000000000004, 100, '30'], [87.49999999, 255, '87.5'], [127.4, 4095, '127'], [0.123456, 1, '0.123'],
@@ -20,6 +20,24 @@ test('a range of few digits has all of the other one within', () => {
     assert.ok(String(range.min).replace(/e.*|[-.]/g, '').length <= 8 && String(range.max).replace(/e.*|[-.]/g, '').length <= 8);
   }
   assert.deepEqual(tidyRange({ min: 3, max: 3 }), { min: 3, max: 3 });
+});
+
+test('ranges are united, and told apart beyond errors of rounding', () => {
+  assert.deepEqual(unitedRange([{ min: 1, max: 2 }, { min: -1, max: 1.5 }]), { min: -1, max: 2 });
+  assert.equal(unitedRange([]), null);
+  assert.ok(isSameRange({ min: 0, max: 203.20000000000002 }, { min: 0, max: 203.2 }));
+  assert.ok(!isSameRange({ min: 0, max: 203.2 }, { min: 0, max: 203.1 }) && !isSameRange({ min: 1e-3, max: 1 }, { min: 0, max: 1 }));
+  assert.ok(!isSameRange(undefined, { min: 0, max: 1 }));
+});
+
+test('the axis of a histogram ends with the values, not with the edge of the last bin', () => {
+  const bins = [{ max: 1 }, { min: 1, max: 254 }, { min: 254, max: 255 }];
+  assert.deepEqual(rangesOfChart(bins, { max: 254 }), { values: { min: 0, max: 254 }, edges: { min: 0, max: 255 } });
+  // A field has no bins here, and one value alone a chart about it.
+  assert.deepEqual(rangesOfChart([], { min: -2, max: 50 }), { values: { min: -2, max: 50 }, edges: { min: -2, max: 50 } });
+  assert.deepEqual(rangesOfChart([], { min: 3, max: 3 }), { values: { min: 3, max: 3 }, edges: { min: 2.5, max: 3.5 } });
+  assert.deepEqual(rangesOfChart(bins, { min: '-Infinity', max: 'Infinity' }).values, { min: 0, max: 255 });
+  assert.deepEqual(rangesOfChart([], undefined), { values: { min: 0, max: 1 }, edges: { min: 0, max: 1 } });
 });
 
 test('surfaces take the colours of the row in turn, each once', () => {

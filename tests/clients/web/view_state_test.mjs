@@ -3,12 +3,13 @@ import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
+import { fileOf, filmToCommand, meshToCommand, stateToCommand } from '../../../clients/web/commands.js';
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
 import { colorFromText } from '../../../clients/web/css-colors.js';
 import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from '../../../clients/web/parameters.js';
 import {
-  asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, drawnToWords, fileOf, MESH_FORMATS,
-  meshAddress, otherSideOf, pictureAddress, stateFromHash, stateToCommand, stateToHash, tokenOfHash, tokenOfText, webpAddress,
+  asksFirstLook, CAP_WINDOW, colorByFromKey, colorByToKey, colorMapToJson, defaultNanColor, drawnToWords, MESH_FORMATS,
+  meshAddress, otherSideOf, pictureAddress, stateFromHash, stateToHash, tokenOfHash, tokenOfText, webpAddress,
   withFirstLook, withMaterialOf, withoutToken,
 } from '../../../clients/web/view-state.js';
 
@@ -334,6 +335,22 @@ test('a picture is posted to an address with what is drawn over it, and the comm
   assert.doesNotMatch(stateToCommand({ surfaces: [{ isovalue: 1 }] }, 'a.png'), /--axes|--caption|--record/);
 });
 
+test('the command of a film has its frames, and steps only where numbers can name them', () => {
+  const FILM = { format: 'webp', kind: 'turn', frameCount: 5, steps: [], framesPerSecond: 7.5, width: 64, height: 48 };
+  const state = { dataset: 'flow', selection: { field: 'p', timeStep: 3 }, surfaces: [{ isovalue: 60 }], samples: 4, cameraFit: 'CAMERA_FIT_CELLS' };
+  assert.equal(filmToCommand(FILM, [], state, { hasToken: true }, { axes: true }), ['isoscope render --server HOST:50051', '--token-file TOKEN_FILE', '--dataset flow',
+    '--field p', '--step 3', '--surface 60', '--fit cells', '--samples 4', '--axes', '--width 64', '--height 48', '--repeat 5', '--orbit 72', '--fps 7.5',
+    '--output film.webp'].join(' \\\n  '));
+  const stepsOf = (steps, served) => /--step (\S+)/.exec(filmToCommand({ ...FILM, kind: 'steps', steps }, served, state) ?? '')?.[1];
+  assert.equal(stepsOf([0, 1, 2], [0, 1, 2]), '0:2');
+  assert.equal(stepsOf([0, 2, 4], [0, 1, 2, 3, 4, 5]), '0:4:2');
+  assert.equal(stepsOf([0, 2, 7], [0, 2, 7]), '0:7', 'every step that is served');
+  assert.equal(stepsOf([10, 30], [10, 20, 30, 40]), '10:30:20');
+  assert.equal(stepsOf([0, 7], [0, 2, 7, 8]), '0:7:7');
+  assert.equal(stepsOf([0, 7, 9], [0, 2, 7, 8, 9]), undefined);
+  assert.doesNotMatch(filmToCommand({ ...FILM, kind: 'steps', steps: [0, 1] }, [0, 1], state) ?? '', /repeat|orbit/);
+});
+
 test('a WebP is asked for by the words of its state, as a link, with its size and what is drawn over it', () => {
   const request = { dataset: 'a b', surfaces: [{ isovalue: 60 }], samples: 4, camera: FULL.camera, viewport: { widthPx: 640, heightPx: 480 } };
   const address = webpAddress(request, { axes: true, caption: '50 % & more' });
@@ -348,5 +365,8 @@ test('meshes have their selection and clip region, opaque colours, and as STL no
     surfaces: [{ isovalue: 60, color: { red: 1, green: 0.5, blue: 0, alpha: 0.25 }, colorBy: { quantity: 'QUANTITY_NORMAL' } }, { labels: [3, 4, 5], smoothLabels: true }] };
   assert.equal(meshAddress(state, 'ply'), 'v1/datasets/ball/mesh.ply?field=p&step=3&surface=60:1,0.5,0&label=3-5&smooth-labels=&clip-plane=1,0,0,2');
   assert.equal(meshAddress(state, 'stl'), 'v1/datasets/ball/mesh.stl?field=p&step=3&surface=60&label=3-5&smooth-labels=&clip-plane=1,0,0,2');
+  assert.equal(meshToCommand(state, 'ply', { file: 'a b.nrrd' }), ['isoscope export \'a b.nrrd\'', '--field p', '--step 3', '--surface 60:1,0.5,0', '--label 3-5',
+    '--smooth-labels', '--clip-plane 1,0,0,2', '--output mesh.ply'].join(' \\\n  '));
+  assert.doesNotMatch(meshToCommand(state, 'stl'), /1,0.5,0/);
   assert.deepEqual(MESH_FORMATS.map(([format]) => format).sort(), ['glb', 'obj', 'ply', 'stl', 'vtp']);
 });

@@ -573,6 +573,27 @@ TEST(FrameSpecConvertTest, AgentsNeverGetWhatTheCoordinatorAdds) {
   EXPECT_EQ(agent_spec, drawn);
 }
 
+// A range of positions, and those of a pick, may have no numbers yet.
+TEST(FrameSpecConvertTest, AgentsGetNumbersOfARangeOrNone) {
+  frame::FrameSpec spec = RichSpec();
+  for (frame::Surface& surface : spec.surfaces) {
+    surface.color_by->range_source = frame::RangeSource::kVisible;
+  }
+  spec.surfaces[1].color_by->range.reset();
+  spec.caps->range.reset();
+  spec.caps->percentiles.emplace();
+  const isoscope::internal::v1::FrameSpec proto = ToProto(spec);
+  EXPECT_EQ(proto.surfaces(0).color_by().range().max(), 4);
+  EXPECT_EQ(proto.surfaces(0).color_by().range().source(),
+            isoscope::v1::ColorRange::SOURCE_UNSPECIFIED);
+  EXPECT_FALSE(proto.surfaces(1).color_by().has_range());
+  EXPECT_FALSE(proto.caps().has_range());
+  spec.caps->percentiles.reset();
+  spec.caps->range_source = frame::RangeSource::kStep;
+  EXPECT_FALSE(ToProto(spec).caps().has_range());
+  ISOSCOPE_EXPECT_OK(FrameSpecFromProto(ToProto(spec)));
+}
+
 TEST(FrameSpecConvertTest, HostileFramesOfACoordinatorAreNamed) {
   const isoscope::internal::v1::FrameSpec good = ToProto(RichSpec());
   const auto expect = [&](const char* message, const auto& spoil) {

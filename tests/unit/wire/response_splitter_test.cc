@@ -1,11 +1,15 @@
 #include "wire/response_splitter.h"
 
+#include <cstddef>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "google/protobuf/descriptor.h"
 #include "google/protobuf/util/message_differencer.h"
 #include "gtest/gtest.h"
+
+#include "core/base/memory_info.h"
 
 namespace isoscope::wire {
 namespace {
@@ -59,6 +63,58 @@ TEST(ResponseSplitterTest, AResponseWithoutBytesIsOnePart) {
   ASSERT_TRUE(splitter.Next(&part));
   EXPECT_EQ(part.extent().width_px(), 3);
   EXPECT_FALSE(splitter.Next(&part));
+}
+
+// Symptom: a plane of 8K was in the coordinator until its last part was sent, and in the gateway.
+TEST(ResponseSplitterTest, BytesThatAreCutOffAreFree) {
+  constexpr std::size_t kBytes = 64 * kMaxPartBytes;
+  RenderIsosurfaceResponse whole;
+  whole.set_depth(std::string(kBytes, 'd'));
+  ResponseSplitter splitter(std::move(whole));
+  const std::string expected(kMaxPartBytes, 'd');
+  const std::size_t before = base::ResidentBytes();
+  RenderIsosurfaceResponse part;
+  ASSERT_TRUE(splitter.Next(&part));
+  for (int i = 0; i < 48; ++i) {
+    ASSERT_TRUE(splitter.Next(&part));
+    ASSERT_TRUE(part.depth() == expected) << i;
+  }
+  EXPECT_LT(base::ResidentBytes() + kBytes / 2, before);
+}
+
+TEST(ReserveRawTest, PlanesDoNotMoveAsTheyGrow) {
+  isoscope::v1::OutputOptions output;
+  output.set_image_format(isoscope::v1::OutputOptions::IMAGE_FORMAT_NONE);
+  output.set_depth(true);
+  output.set_surface_index(true);
+  RenderIsosurfaceResponse response;
+  response.mutable_extent()->set_width_px(1000);
+  response.mutable_extent()->set_height_px(300);
+  ReserveRaw(output, std::size_t{300'000} * 5, &response);
+  EXPECT_GE(response.depth().capacity(), std::size_t{300'000} * 4);
+  EXPECT_GE(response.surface_index().capacity(), std::size_t{300'000});
+  EXPECT_LT(response.position().capacity(), std::size_t{1000});
+  const char* const begin = response.depth().data();
+  RenderIsosurfaceResponse part;
+  part.set_depth(std::string(1000, 'd'));
+  for (int i = 0; i < 1200; ++i) {
+    AppendPart(part, &response);
+  }
+  EXPECT_EQ(response.depth().data(), begin);
+}
+
+TEST(ReserveRawTest, AnExtentBeyondTheBoundOrOfNoSenseTakesNothing) {
+  isoscope::v1::OutputOptions output;
+  output.set_image_format(isoscope::v1::OutputOptions::IMAGE_FORMAT_RGBA8);
+  output.set_normal(true);
+  for (const auto& [width, height] : {std::pair(2147483647, 2147483647), {-5, 7}, {1001, 1}}) {
+    RenderIsosurfaceResponse response;
+    response.mutable_extent()->set_width_px(width);
+    response.mutable_extent()->set_height_px(height);
+    ReserveRaw(output, /*max_bytes=*/16'000, &response);
+    EXPECT_LT(response.rgba8().capacity(), std::size_t{100});
+    EXPECT_LT(response.normal().capacity(), std::size_t{100});
+  }
 }
 
 }  // namespace

@@ -30,12 +30,13 @@ absl::Status Parse(const std::vector<std::string>& arguments, Parsed* parsed) {
 TEST(SweepTest, FramesNeedNamesOfTheirOwnOrOneAnimation) {
   Parsed parsed;
   ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "10:30:10", "--orbit", "90"}, &parsed));
-  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a-%d.png"));
-  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a-%03d.png"));
-  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a.apng"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, parsed.request.selection, "a-%d.png"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, parsed.request.selection, "a-%03d.png"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, parsed.request.selection, "a.apng"));
   Parsed repeated;
   ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "-1.5", "--repeat", "4"}, &repeated));
-  ISOSCOPE_EXPECT_OK(CheckUsage(repeated.sweep, "a.png")) << "the last one is kept";
+  ISOSCOPE_EXPECT_OK(CheckUsage(repeated.sweep, repeated.request.selection, "a.png"))
+      << "the last one is kept";
 }
 
 TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
@@ -51,12 +52,13 @@ TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
            {{"--isovalue", "1"}, "a-%d-%s.png", "'%s' is no number of a frame"},
            {{"--isovalue", "1:3:1"}, "a-%d.webp", "one file of all frames"},
            {{"--isovalue", "1", "--step", "0:3"}, "a.png", "--step names several steps"},
+           {{"--isovalue", "1", "--step", "0:3", "--time", "2"}, "a.webp", "--time and --step"},
            {{"--isovalue", "1:3:1", "--repeat", "3"}, "a-%d.png", "which has 3 frames"},
            {{"--isovalue", "1", "--orbit", "10"}, "a.png", "--repeat N"},
            {{"--isovalue", "1", "--fps", "10"}, "a.png", "ends in .apng or .webp"}}) {
     Parsed parsed;
     ISOSCOPE_ASSERT_OK(Parse(c.arguments, &parsed));
-    const absl::Status status = CheckUsage(parsed.sweep, c.output);
+    const absl::Status status = CheckUsage(parsed.sweep, parsed.request.selection, c.output);
     EXPECT_TRUE(IsUsageError(status)) << c.message;
     EXPECT_THAT(std::string(status.message()), HasSubstr(c.message));
   }

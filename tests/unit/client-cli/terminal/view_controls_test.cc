@@ -154,29 +154,34 @@ TEST(ViewControlsTest, IsovaluesStepOnRoundNumbersInsideTheRange) {
 
 TEST(ViewControlsTest, LabelsAreShownAloneOneAfterTheOtherAndThenAllAgain) {
   ViewControls controls(kVolume, std::nullopt, 3);
-  EXPECT_EQ(controls.label_alone(), std::nullopt);
+  EXPECT_EQ(controls.labels().chosen(), std::nullopt);
   for (const std::optional<std::size_t> next :
        {std::optional<std::size_t>(0), std::optional<std::size_t>(1), std::optional<std::size_t>(2),
         std::optional<std::size_t>()}) {
     EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = 'n'}), Effect::kMoved);
-    EXPECT_EQ(controls.label_alone(), next);
+    EXPECT_EQ(controls.labels().chosen(), next);
   }
   Type("N", &controls);
-  EXPECT_EQ(controls.label_alone(), 2) << "before all is the last one";
+  EXPECT_EQ(controls.labels().chosen(), 2) << "before all is the last one";
   Type("N", &controls);
-  EXPECT_EQ(controls.label_alone(), 1);
+  EXPECT_EQ(controls.labels().chosen(), 1);
   Type("a", &controls);
-  EXPECT_EQ(controls.label_alone(), std::nullopt);
+  EXPECT_EQ(controls.labels().chosen(), std::nullopt);
   EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = 'a'}), Effect::kNone);
-  Type("nh0", &controls);
-  EXPECT_EQ(controls.label_alone(), std::nullopt) << "the first view has all";
+  Type("nx", &controls);
+  EXPECT_EQ(controls.labels().hidden_count(), 1);
+  Type("d", &controls);
+  EXPECT_TRUE(controls.labels().is_highlighted());
+  Type("h0", &controls);
+  EXPECT_EQ(controls.labels().chosen(), std::nullopt) << "the first view has all";
+  EXPECT_EQ(controls.labels().hidden_count(), 0);
   EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = ']'}), Effect::kNone);
   EXPECT_EQ(controls.isovalue(), std::nullopt) << "no surface has one";
 }
 
 TEST(ViewControlsTest, WithoutLabelsTheirKeysDoNothing) {
   ViewControls controls(kVolume, 60);
-  for (const char c : {'n', 'N', 'a'}) {
+  for (const char c : {'n', 'N', 'a', 'x', 'd'}) {
     EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = c}), Effect::kNone);
   }
 }

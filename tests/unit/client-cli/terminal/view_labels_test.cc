@@ -41,5 +41,34 @@ TEST(FlagsOfLabelsTest, SmoothLabelsHaveOneFlag) {
   EXPECT_EQ(FlagsOfLabels({}), "");
 }
 
+TEST(ShownLabelsTest, AroundAHighlightedOneTheOthersAreFaintButNoMoreThanBefore) {
+  const std::vector<client::LabelSurface> labels = {{.values = {1}, .color = {1, 0, 0, 0.5F}},
+                                                    {.values = {2}},
+                                                    {.values = {3}, .color = {0, 1, 0, 0.1F}}};
+  LabelChoice choice(labels.size(), /*shows_others=*/false);
+  EXPECT_EQ(ShownLabels(labels, choice), labels);
+  choice.ToggleHighlight();
+  std::vector<client::LabelSurface> shown = labels;
+  shown[0].color.alpha = 1;
+  shown[1].color.alpha = 0.15F;
+  EXPECT_EQ(ShownLabels(labels, choice), shown);
+  choice.ToggleHidden();
+  EXPECT_EQ(ShownLabels(labels, choice), (std::vector<client::LabelSurface>{labels[1], labels[2]}));
+}
+
+TEST(DescribeLabelsTest, SaysWhichAreShown) {
+  const std::vector<client::LabelSurface> labels = {{.values = {1}, .name = "left lung"},
+                                                    {.values = {2}, .name = "label 2"}};
+  LabelChoice choice(labels.size(), /*shows_others=*/false);
+  EXPECT_EQ(DescribeLabels(labels, choice), "2 labels");
+  choice.Step(true);
+  EXPECT_EQ(DescribeLabels(labels, choice), "left lung (1 of 2)");
+  choice.ToggleHighlight();
+  EXPECT_EQ(DescribeLabels(labels, choice), "left lung (1 of 2) highlighted");
+  choice.ToggleHidden();
+  EXPECT_EQ(DescribeLabels(labels, choice), "1 of 2 labels");
+  EXPECT_EQ(DescribeLabels({labels[0]}, LabelChoice(1, /*shows_others=*/false)), "left lung");
+}
+
 }  // namespace
 }  // namespace isoscope::cli

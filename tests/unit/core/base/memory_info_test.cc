@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <memory>
 #include <vector>
@@ -45,6 +46,29 @@ TEST(MemoryInfoTest, WhatWasFreedGoesBackToTheKernelWhenAsked) {
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they have their own malloc
   EXPECT_LT(ResidentBytes(), before - kPieces * kPieceBytes / 2);
 #endif
+}
+
+TEST(MemoryInfoTest, ReturnedPagesAreFreeAndTheirNeighboursStay) {
+  constexpr std::size_t kBytes = std::size_t{32} << 20;
+  std::vector<char> buffer(kBytes, 'a');
+  const std::size_t before = ResidentBytes();
+  constexpr std::size_t kBegin = 12'345;
+  constexpr std::size_t kEnd = kBytes - 54'321;
+  ReturnPages(buffer.data() + kBegin, kEnd - kBegin);
+  EXPECT_LT(ResidentBytes() + kBytes / 4 * 3, before);
+  EXPECT_EQ(std::count(buffer.begin(), buffer.begin() + kBegin, 'a'), std::ptrdiff_t{kBegin});
+  EXPECT_EQ(std::count(buffer.begin() + kEnd, buffer.end(), 'a'), std::ptrdiff_t{kBytes - kEnd});
+  std::fill(buffer.begin(), buffer.end(), 'b');
+  EXPECT_EQ(buffer[kBytes / 2], 'b');
+}
+
+TEST(MemoryInfoTest, LessThanAPageIsNotReturned) {
+  std::vector<char> buffer(20'000, 'a');
+  const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, page - 1}) {
+    ReturnPages(buffer.data() + 1, size);
+  }
+  EXPECT_EQ(std::count(buffer.begin(), buffer.end(), 'a'), std::ptrdiff_t{20'000});
 }
 
 TEST(MemoryInfoTest, ProcessorTimeGrowsWithWork) {

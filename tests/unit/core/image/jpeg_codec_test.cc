@@ -4,16 +4,25 @@
 // jpeglib.h needs cstdio's FILE.
 #include <jpeglib.h>
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <cstdlib>
+#include <span>
+#include <string>
+#include <utility>
 #include <vector>
 
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::image {
 namespace {
+
+using isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
 
 struct Decoded {
   int width = 0;
@@ -100,6 +109,92 @@ TEST(JpegCodecTest, OneRowAndOneColumnAreEnough) {
   }
 }
 
+// Every third pixel shows the background.
+std::vector<Rgba8> RampWithHoles(int width, int height) {
+  std::vector<Rgba8> pixels = Ramp(width, height);
+  for (std::size_t i = 0; i < pixels.size(); i += 3) {
+    pixels[i].a = 0;
+  }
+  return pixels;
+}
+
+TEST(JpegRowWriterTest, RowsInPiecesGiveTheBytesOfTheWhole) {
+  constexpr Rgba8 kBackground{200, 10, 90, 0};
+  for (const auto& [width, height] : {std::pair(1, 1), {37, 61}, {1000, 64}, {3, 500}}) {
+    const std::vector<Rgba8> pixels = RampWithHoles(width, height);
+    const auto row_size = static_cast<std::size_t>(width);
+    for (const int quality : {1, 90, 100}) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string whole,
+                                    EncodeJpeg(width, height, pixels, kBackground, quality));
+      for (const int first_rows : {0, 1, 7, 8, 9, 33}) {
+        for (const int rows : {1, 5, 8, 16, 499}) {
+          JpegRowWriter writer(width, height, kBackground, quality);
+          std::string joined;
+          for (int y = 0, count = first_rows; y < height; y += count, count = rows) {
+            count = std::min(count, height - y);
+            ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes,
+                                          writer.Append(std::span(pixels).subspan(
+                                              static_cast<std::size_t>(y) * row_size,
+                                              static_cast<std::size_t>(count) * row_size)));
+            joined += bytes;
+          }
+          EXPECT_TRUE(joined == whole)
+              << width << " x " << height << ", " << first_rows << " rows, then " << rows;
+        }
+      }
+    }
+  }
+}
+
+// Symptom: a picture in bands was kept as pixels until its last row was there.
+TEST(JpegRowWriterTest, BytesComeWithTheirRows) {
+  constexpr int kSide = 512;
+  std::vector<Rgba8> noise(std::size_t{kSide} * kSide);
+  std::uint32_t state = 1;
+  for (Rgba8& pixel : noise) {
+    state = state * 1664525 + 1013904223;
+    pixel = {static_cast<std::uint8_t>(state >> 24), static_cast<std::uint8_t>(state >> 16),
+             static_cast<std::uint8_t>(state >> 8), 255};
+  }
+  JpegRowWriter writer(kSide, kSide, {}, 95);
+  const auto half = std::span<const Rgba8>(noise).first(noise.size() / 2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string first, writer.Append(half));
+  JpegRowWriter moved = std::move(writer);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string second,
+                                moved.Append(std::span<const Rgba8>(noise).last(half.size())));
+  EXPECT_GT(first.size(), second.size() * 4 / 5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string nothing, moved.Append({}));
+  EXPECT_TRUE(nothing.empty());
+  ISOSCOPE_EXPECT_OK(DecodeJpeg(first + second));
+}
+
+TEST(JpegRowWriterTest, APictureThatIsNotCompleteOrNotBegunIsGivenUp) {
+  const std::vector<Rgba8> pixels = Ramp(64, 64);
+  const JpegRowWriter unused(64, 64, {}, 90);
+  JpegRowWriter begun(64, 64, {}, 90);
+  ISOSCOPE_EXPECT_OK(begun.Append(std::span(pixels).first(std::size_t{64} * 20)));
+}
+
+TEST(JpegRowWriterTest, MoreThanLibjpegTakesIsAnErrorThatStays) {
+  constexpr int kTooWide = 65501;
+  const std::vector<Rgba8> row(kTooWide);
+  JpegRowWriter writer(kTooWide, 2, {}, 90);
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_THAT(writer.Append(row), StatusIs(absl::StatusCode::kResourceExhausted,
+                                             HasSubstr("JPEG of 65501 x 2 pixels: ")));
+  }
+}
+
+TEST(JpegRowWriterDeathTest, RowsOfAnotherSizeAndTooManyRowsEndTheProgram) {
+  const std::vector<Rgba8> pixels = Ramp(8, 9);
+  JpegRowWriter writer(8, 8, {}, 90);
+  EXPECT_DEATH(writer.Append(std::span(pixels).first(12)).IgnoreError(), "rows.size");
+  EXPECT_DEATH(writer.Append(pixels).IgnoreError(), "row_count");
+  EXPECT_DEATH(JpegRowWriter(0, 8, {}, 90), "width");
+  EXPECT_DEATH(JpegRowWriter(8, 0, {}, 90), "height");
+  EXPECT_DEATH(JpegRowWriter(8, 8, {}, 101), "quality");
+}
+
 TEST(DecodeJpegTest, GivesTheSizeAndNearlyTheColours) {
   const std::vector<Rgba8> pixels = Ramp(40, 24);
   const absl::StatusOr<std::string> jpeg = EncodeJpeg(40, 24, pixels, {}, 95);
@@ -122,10 +217,10 @@ TEST(DecodeJpegTest, RefusesEveryPrefixAndNoise) {
   for (std::size_t size = 0; size + 2 < jpeg->size(); ++size) {
     const std::vector<char> exact(jpeg->begin(), jpeg->begin() + static_cast<std::ptrdiff_t>(size));
     EXPECT_THAT(DecodeJpeg(absl::string_view(exact.data(), exact.size())),
-                testing::StatusIs(absl::StatusCode::kDataLoss))
+                StatusIs(absl::StatusCode::kDataLoss))
         << size;
   }
-  EXPECT_THAT(DecodeJpeg("no picture at all"), testing::StatusIs(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(DecodeJpeg("no picture at all"), StatusIs(absl::StatusCode::kDataLoss));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -199,6 +200,26 @@ TEST(CoordinatorMemoryTest, CommonLimitsDrawWhatScreensAndPrintersAskFor) {
   }
 }
 
+// Symptom: a JPEG of 8K was refused where the PNG was drawn.
+TEST(CoordinatorMemoryTest, AJpegThatIsEncodedByRowsKeepsItsBytesOnce) {
+  frame::FrameSpec jpeg = SpecOf(7680, 4320);
+  jpeg.effects.samples_per_side = 2;
+  jpeg.surfaces.resize(2);
+  jpeg.surfaces[1].opacity = 0.5F;
+  jpeg.output.image_format = frame::ImageFormat::kJpeg;
+  for (const std::uint8_t alpha : {std::uint8_t{255}, std::uint8_t{0}}) {
+    jpeg.background_color.a = alpha;
+    EXPECT_TRUE(IsEncodedByRows(jpeg));
+    ISOSCOPE_EXPECT_OK(CoordinatorMemory(512 * kMiB).CheckFits(jpeg, kInBands));
+    const BandedBytes bytes = BandedBytesOf(jpeg, {7680, 64}, Delivery::kParts);
+    EXPECT_EQ(bytes.encode, bytes.kept);
+    EXPECT_EQ(bytes.send, bytes.kept);
+  }
+  frame::FrameSpec png = jpeg;
+  png.output.image_format = frame::ImageFormat::kPng;
+  EXPECT_FALSE(IsEncodedByRows(png)) << "over a clear background the last pixel may be translucent";
+}
+
 TEST(CoordinatorMemoryTest, TheLimitThatIsNamedForBandsIsTheLeastThatDraws) {
   for (const bool has_trace : {false, true}) {
     for (const Delivery delivery : {Delivery::kWhole, Delivery::kParts}) {
@@ -250,6 +271,97 @@ TEST(CoordinatorMemoryTest, AgentsOfTheSameProcessGetThreeQuartersOfTheirLimit) 
   const CoordinatorMemory of_open_gl(kLimit, [](const frame::FrameSpec&) { return kLimit + kMiB; });
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BandGrid at_once, of_open_gl.PlanFrame(spec, kInBands, {}));
   EXPECT_EQ(at_once.count(), 1);
+}
+
+// Symptom: the process of `isoscope view` exceeded its limit by planes of 8K beside its agents.
+TEST(CoordinatorMemoryTest, PlanesBesideAgentsOfTheSameProcessMakeBandsSmaller) {
+  constexpr std::size_t kLimit = 512 * kMiB;
+  const auto agent_limit = [](const frame::FrameSpec& spec) {
+    return std::max(CoordinatorMemory::kMinLimitBytes, DrawnPixels(spec) * 192);
+  };
+  const CoordinatorMemory together(kLimit, agent_limit);
+  frame::FrameSpec picture = SpecOf(7680, 4320);
+  picture.output.image_format = frame::ImageFormat::kPng;
+  frame::FrameSpec depth = SpecOf(7680, 4320);
+  depth.output.image_format = frame::ImageFormat::kNone;
+  depth.output.depth = true;
+  const std::size_t depth_bytes = std::size_t{7680} * 4320 * frame::kDepthBytes;
+  const FrameWish in_parts{.delivery = Delivery::kParts, .may_band = true};
+  const auto agents_take = [&](const frame::FrameSpec& spec) {
+    const auto bands = together.PlanFrame(spec, in_parts, {});
+    ISOSCOPE_EXPECT_OK(bands.status());
+    return bands.ok() ? agent_limit(BandInTheMiddle(spec, bands->band())) : 0;
+  };
+  EXPECT_GT(agents_take(picture), (kLimit - 2 * depth_bytes) / 4 * 3);
+  EXPECT_LE(agents_take(depth), (kLimit - 2 * depth_bytes) / 4 * 3);
+  // Planes that leave agents less than their least limit are drawn in bands as pictures are.
+  frame::FrameSpec position = SpecOf(5120, 2880);
+  position.output.image_format = frame::ImageFormat::kNone;
+  position.output.position = true;
+  position.output.depth = true;
+  EXPECT_GT(agents_take(position), std::size_t{0});
+}
+
+// Symptom: agents of the same process got the whole, and named the limit that the whole needs.
+TEST(CoordinatorMemoryTest, ASmallestBandThatAgentsHaveNoRoomForIsRefusedBeforeAnyWork) {
+  constexpr std::size_t kLimit = 256 * kMiB;
+  const auto agent_limit = [](const frame::FrameSpec& spec) {
+    return std::max(CoordinatorMemory::kMinLimitBytes, DrawnPixels(spec) * 1024);
+  };
+  const CoordinatorMemory memory(kLimit, agent_limit);
+  for (const view::Viewport& size : {view::Viewport{400, 300}, {3000, 2000}}) {
+    frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
+    ISOSCOPE_EXPECT_OK(memory.PlanFrame(spec, kInBands, {}));
+    spec.effects.samples_per_side = 4;
+    spec.effects.ambient_occlusion = frame::AmbientOcclusion{.radius_px = 56};
+    const absl::Status refused = memory.CheckFits(spec, kInBands);
+    EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted,
+                                  AllOf(HasSubstr("one of 64 x 64 pixels with 16 samples and 64 "
+                                                  "pixels around it for effects is too large: "),
+                                        HasSubstr("ask for fewer samples, for a smaller "
+                                                  "ambient_occlusion or silhouette, or raise"))));
+    const auto named = static_cast<std::size_t>(NamedLimitMib(refused));
+    ISOSCOPE_EXPECT_OK(CoordinatorMemory(named * kMiB, agent_limit).CheckFits(spec, kInBands));
+    EXPECT_FALSE(CoordinatorMemory((named - 1) * kMiB, agent_limit).CheckFits(spec, kInBands).ok());
+  }
+}
+
+// Symptom: a picture of 16 samples was drawn in many bands to find what is visible, though these
+// have one sample.
+TEST(CoordinatorMemoryTest, ADrawingOfOneSampleHasFewBandsWithinWhatTheFrameHasTaken) {
+  const base::Cancellation never;
+  for (const std::size_t limit_mib : {std::size_t{96}, std::size_t{160}, std::size_t{2048}}) {
+    for (const view::Viewport& size : {view::Viewport{900, 800}, {2000, 1500}, {500, 6000}}) {
+      CoordinatorMemory memory(limit_mib * kMiB);
+      frame::FrameSpec spec = SpecOf(size.width_px, size.height_px);
+      frame::FrameSpec values = spec;
+      values.output.image_format = frame::ImageFormat::kNone;
+      spec.effects.samples_per_side = 4;
+      spec.effects.ambient_occlusion = frame::AmbientOcclusion();
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto taken, memory.ReserveFrame(spec, kInBands, never));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BandGrid bands, memory.PlanFrame(spec, kInBands, {}));
+      const std::size_t third = DrawnPixels(values) / 3;
+      for (const std::size_t most : {std::size_t{0}, third}) {
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            const BandGrid of_values,
+            memory.PlanDrawing(values, spec, kInBands, {.max_drawn_pixels = most}));
+        const std::string name =
+            absl::StrCat(limit_mib, " MiB, ", size.width_px, " pixels wide, ", most);
+        const bool is_whole = of_values.count() == 1;
+        EXPECT_LE(is_whole ? FrameBytes(values, Delivery::kParts)
+                           : BandedBytesOf(values, of_values.band(), Delivery::kParts).most(),
+                  memory.frame_bytes())
+            << name;
+        if (most > 0) {
+          EXPECT_LE(DrawnPixels(BandInTheMiddle(values, of_values.band())), most) << name;
+        } else if (bands.count() > 1) {
+          EXPECT_LT(of_values.count(), bands.count()) << name;
+        } else {
+          EXPECT_TRUE(is_whole) << name;
+        }
+      }
+    }
+  }
 }
 
 TEST(CoordinatorMemoryTest, BandsGetSmallerForAgentsElsewhereAndForSetsOfManyBlocks) {

@@ -21,10 +21,12 @@
 #include <grpcpp/server_builder.h>
 
 #include "core/base/monotonic_time.h"
+#include "core/base/retry_delay.h"
 #include "core/image/png_codec.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "rpc/grpc_status.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/unit/web-gateway/header_of.h"
@@ -127,6 +129,10 @@ class Surfaces final : public v1::IsosurfaceService::Service {
       }
       return grpc::Status::CANCELLED;
     }
+    if (picture_count >= refused_picture && refusal_count > 0) {
+      --refusal_count;
+      return rpc::ToGrpcStatus(refusal);
+    }
     v1::RenderIsosurfaceStreamResponse message;
     message.mutable_part()->set_png(png);
     *message.mutable_part()->mutable_camera() = camera;
@@ -144,6 +150,9 @@ class Surfaces final : public v1::IsosurfaceService::Service {
   std::vector<v1::RenderIsosurfaceRequest> requests;  // in order
   int endless_picture = 0;                            // the one that ends by cancellation alone
   absl::Notification is_endless;
+  int refused_picture = 0;  // the first one of those that are refused
+  int refusal_count = 0;
+  absl::Status refusal;
 };
 
 class ApiTest : public ::testing::Test {
@@ -433,6 +442,63 @@ TEST_F(FilmTest, AClientThatLeavesEndsTheFrameInWorkAndTheFile) {
   EXPECT_FALSE(HasFiles());
   AwaitPlaces();
   EXPECT_EQ(surfaces_.picture_count, 2);
+}
+
+// An agent that restarts, or a full queue: the frames before are not lost.
+TEST_F(FilmTest, AFrameThatIsRefusedForAWhileIsAskedForAgain) {
+  surfaces_.refused_picture = 2;
+  surfaces_.refusal_count = 2;
+  surfaces_.refusal =
+      base::WithRetryDelay(absl::UnavailableError("the agent is opening"), absl::Milliseconds(20));
+  const base::MonotonicTime start = base::MonotonicNow();
+  const HttpResponse film = Get(absl::StrCat(kFilm, "&repeat=3&orbit=9"));
+  ASSERT_EQ(film.status, 200) << film.body;
+  EXPECT_GE(base::MonotonicNow() - start, absl::Milliseconds(40)) << "both delays";
+  RemoveTemporaryFile(film.file_path);
+  ASSERT_EQ(surfaces_.requests.size(), 5U);
+  const auto bytes = [&](std::size_t i) { return surfaces_.requests[i].SerializeAsString(); };
+  EXPECT_EQ(bytes(1), bytes(2));
+  EXPECT_EQ(bytes(1), bytes(3));
+  EXPECT_NE(bytes(3), bytes(4));
+  EXPECT_NE(bytes(0), bytes(1));
+}
+
+TEST_F(FilmTest, OtherErrorsOfAFrameAndDelaysBeyondItsDeadlineEndTheFilm) {
+  for (const absl::Status& refusal :
+       {absl::UnavailableError("the agent is lost"),
+        base::WithRetryDelay(absl::UnavailableError("much later"), absl::Hours(1))}) {
+    surfaces_.picture_count = 0;
+    surfaces_.refused_picture = 2;
+    surfaces_.refusal_count = 1;
+    surfaces_.refusal = refusal;
+    const HttpResponse film = Get(absl::StrCat(kFilm, "&repeat=3&orbit=9"));
+    EXPECT_EQ(film.status, 503);
+    EXPECT_THAT(film.body, HasSubstr(std::string(refusal.message())));
+    EXPECT_EQ(surfaces_.picture_count, 2);
+    EXPECT_FALSE(HasFiles());
+  }
+}
+
+TEST_F(FilmTest, AClientThatLeavesEndsTheWaitForAFrameAndTheFile) {
+  surfaces_.refusal_count = 1;
+  surfaces_.refusal =
+      base::WithRetryDelay(absl::ResourceExhaustedError("the queue is full"), absl::Minutes(4));
+  HttpRequest request;
+  request.target = *ParseTarget(absl::StrCat(kFilm, "&repeat=3"));
+  const auto scope = std::make_shared<RequestScope>();
+  HttpResponse response;
+  absl::Notification answered;
+  api_->Answer(std::move(request), scope, [&](HttpResponse answer) {
+    response = std::move(answer);
+    answered.Notify();
+  });
+  EXPECT_FALSE(answered.WaitForNotificationWithTimeout(absl::Milliseconds(200)));
+  scope->Cancel();
+  answered.WaitForNotification();
+  EXPECT_EQ(response.status, 499);
+  AwaitPlaces();
+  EXPECT_EQ(surfaces_.picture_count, 1);
+  EXPECT_FALSE(HasFiles());
 }
 
 TEST_F(FilmTest, HeadOfAFilmEndsWithItsFirstFrame) {

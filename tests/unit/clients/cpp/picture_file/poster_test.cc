@@ -63,6 +63,9 @@ TEST(PosterTest, AStripOfTilesIsBoundedAndATileIsOfACommonSize) {
 TEST(PosterTest, TilesKeepToTheSideThatTheirSamplesAllow) {
   EXPECT_EQ(RegionSizeOf({32768, 4}, 4000).width_px, 4000);
   EXPECT_EQ(RegionSizeOf({3000, 4}, 4000).width_px, 3000);
+  const view::Viewport flat = RegionSizeOf({28028, 92}, 16384, std::int64_t{4} << 20);
+  EXPECT_LE(std::int64_t{28028} * 4 * flat.height_px, std::int64_t{4} << 20);
+  EXPECT_GE(flat.height_px, 1);
 }
 
 TEST(PosterTest, TilesMakeTheFileOfTheWholePicture) {

@@ -81,7 +81,7 @@ TEST(SweepTest, SweepSetsTheIsovalueOfEachFrameAndOrbitTurnsBetween) {
   Parsed parsed;
   ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "10:30:10", "--orbit", "90"}, &parsed));
   EXPECT_EQ(parsed.request.isovalue, 10) << "the checks of a request see the first value";
-  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, parsed.request.selection));
   EXPECT_EQ(parsed.sweep.frame_count(), 3);
   isoscope::v1::RenderIsosurfaceRequest frame = FirstRequest();
   ISOSCOPE_ASSERT_OK(SetFrame(parsed.sweep, 0, &frame));
@@ -134,7 +134,7 @@ TEST(SweepTest, OneIsovalueIsNoSweep) {
   EXPECT_EQ(parsed.request.isovalue, -1.5);
   EXPECT_FALSE(parsed.sweep.is_isovalue_sweep());
   EXPECT_EQ(parsed.sweep.frame_count(), 4);
-  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, parsed.request.selection));
 }
 
 TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
@@ -146,10 +146,12 @@ TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
            {{"--isovalue", "1:3:1", "--repeat", "3"}, "which has 3 frames"},
            {{"--isovalue", "1", "--orbit", "10"}, "--repeat N"},
            {{"--isovalue", "1", "--step", "0:3", "--repeat", "3"}, "leave --repeat out"},
-           {{"--isovalue", "1:3:1", "--step", "0:3"}, "leave the sweep of isovalues out"}}) {
+           {{"--isovalue", "1:3:1", "--step", "0:3"}, "leave the sweep of isovalues out"},
+           {{"--isovalue", "1", "--time", "2.5", "--step", "0:3"}, "--time and --step exclude"},
+           {{"--isovalue", "1", "--step", "0:last:2", "--time", "0"}, "--step A:B names"}}) {
     Parsed parsed;
     ISOSCOPE_ASSERT_OK(Parse(c.arguments, &parsed));
-    const absl::Status status = CheckUsage(parsed.sweep);
+    const absl::Status status = CheckUsage(parsed.sweep, parsed.request.selection);
     EXPECT_TRUE(cli::IsUsageError(status)) << c.message;
     EXPECT_THAT(std::string(status.message()), HasSubstr(c.message));
   }
