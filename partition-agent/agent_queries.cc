@@ -3,7 +3,9 @@
 //
 //   GetShardHistogram   counts by value, costs of isovalues, the label values of the samples
 //   GetActiveBox        one shard is enough, because each has the ranges of all blocks
-//   GetCellBox          the only one that reads on the threads of frames
+//   GetCellBox          reads on the threads of frames
+//   GetResolvedBlocks   so does this, blocks of a level; active blocks of level 0 are in any shard
+//   GetDepthBounds      any shard, too; the parts divide the volume's blocks, not its shards
 //   GetGradients        gradient, shard, values and label of picked points; a point is answered by
 //                       the shard that has its block
 //
@@ -25,8 +27,11 @@
 #include "partition-agent/shard/point_gradients.h"
 #include "partition-agent/shard/shard_histogram.h"
 #include "partition-agent/shard/shard_label_values.h"
+#include "partition-agent/supply/block_bounds.h"
 #include "partition-agent/supply/cell_box.h"
+#include "partition-agent/supply/level_resolution.h"
 #include "partition-agent/supply/point_values.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/frame_convert.h"
 #include "wire/histogram_convert.h"
 #include "wire/pick_convert.h"
@@ -231,6 +236,51 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
   ISOSCOPE_ASSIGN_OR_RETURN(const math::IndexBox cells,
                             CellBoxOfShards(found, rules, clip, resources, cancellation));
   *response = wire::ToProto(cells);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const v1::GetDepthBoundsRequest& request,
+                         const base::Cancellation& cancellation,
+                         v1::GetDepthBoundsResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const wire::DepthBoundsQuery query,
+                            wire::DepthBoundsQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards found, shards.FindAny(request.dataset_id()));
+  const store::ShardReader& reader = *found.shards.front()->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*query.spec.camera, query.spec.viewport,
+                                             reader.manifest().geometry, query.spec.region));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const visibility::DepthBounds bounds,
+      BoundsOfPart(reader.layout(), reader.ranges(), view, query.spec,
+                   {query.part_index, query.part_count}, resources.arena, cancellation));
+  *response = wire::ToProto(bounds);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const v1::GetResolvedBlocksRequest& request,
+                         const base::Cancellation& cancellation,
+                         v1::GetResolvedBlocksResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const volume::InsideRule rule,
+      wire::InsideRuleFromProto(request.isovalue(), request.labels(), /*smooths=*/false, ""));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int level, wire::LevelFromProto(request.level(), "level"));
+  if (level == 0) {
+    return absl::InvalidArgumentError("level is 0: must be at least 1");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards fine, shards.FindAny(request.dataset_id()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards coarse,
+                            shards.FindLevel(request.dataset_id(), request.shard_indices(), level));
+  const store::ShardReader& reader = *fine.shards.front()->reader;
+  const volume::BlockSet active = reader.ranges().ActiveBlocks(rule);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const volume::BlockSet resolved,
+      BlocksResolvedBy(coarse.shards, frame::InStoredValues(rule, coarse.value_scale),
+                       {.fine = &reader.layout(), .fine_active = &active, .level = level},
+                       resources, cancellation));
+  *response->mutable_blocks() = wire::ToProto(resolved.Ids());
+  response->set_active_block_count(active.Count());
   return absl::OkStatus();
 }
 

@@ -100,10 +100,11 @@ absl::StatusOr<frame::OutputSpec> OutputFromProto(const v1::OutputOptions& proto
   output.surface_index = proto.surface_index();
   output.position = proto.position();
   output.normal = proto.normal();
+  output.depth_bounds = proto.depth_bounds();
   if (output.image_format == frame::ImageFormat::kNone && frame::RawBytesPerPixel(output) == 0) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ".image_format is 4 (none): must not be without a plane; ask for ", path,
-                     ".depth, .surface_index, .position or .normal"));
+                     ".depth, .surface_index, .position, .normal or .depth_bounds"));
   }
   return output;
 }
@@ -327,6 +328,7 @@ absl::StatusOr<AskedFrame> AskedFrameFromProto(const v1::RenderIsosurfaceRequest
   asked.with_trace = request.with_trace();
   asked.allow_partial = request.allow_partial();
   asked.with_notes = request.with_notes();
+  asked.with_unresolved_count = request.with_unresolved_count();
   return asked;
 }
 

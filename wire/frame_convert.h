@@ -51,6 +51,7 @@ struct AskedFrame {
   bool with_trace = false;
   bool allow_partial = false;
   bool with_notes = false;
+  bool with_unresolved_count = false;
   bool with_all_fields = false;  // the agents must have the volumes of all fields
 };
 // Converts a request, as FrameSpecFromProto. Nothing reads the message after that.

@@ -100,7 +100,7 @@ HelpLayout HelpLayoutOfCommands() {
       {"Films", {"--repeat", "--orbit", "--fps"}},
       {"Arrays and statistics",
        {"--stats", "--no-measures", "--depth", "--surface-index", "--position", "--normal",
-        "--trace"}},
+        "--depth-bounds", "--trace"}},
       {"Addresses and tokens",
        {"--listen", "--published", "--allow-origin", "--tokens", "--gateway-token-file",
         "--no-open", "--terminal"}},

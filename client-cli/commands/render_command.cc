@@ -87,6 +87,7 @@ struct Subject {
   v1::Dataset dataset;
   std::string picture_revision;
   bool has_notes = false;         // the server knows notes on surfaces
+  bool has_unresolved = false;    // it counts what a level hides
   bool fits_cells = false;        // and CAMERA_FIT_CELLS
   bool has_color_ranges = false;  // and ranges of what is visible, and of percentiles
 };
@@ -100,6 +101,7 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   ISOSCOPE_ASSIGN_OR_RETURN(const client::Features features,
                             client::FeaturesOf(session->question_timeout(), &session->client()));
   subject.has_notes = features.count("notes") > 0;
+  subject.has_unresolved = features.count("unresolved_count") > 0;
   subject.fits_cells = features.count("fit_cells") > 0;
   subject.has_color_ranges = features.count("color_ranges") > 0;
   return subject;
@@ -343,6 +345,8 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& 
   request.set_allow_partial(flags.allow_partial);
   request.set_dataset_id(flags.dataset_id.value_or(""));
   request.set_with_notes(subject.has_notes);
+  // Only statistics show it.
+  request.set_with_unresolved_count(subject.has_unresolved && flags.stats.has_value());
   if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }

@@ -8,7 +8,8 @@
 // Times are protobuf durations; JSON has milliseconds, rounded to microseconds. These members of a
 // frame are there only if they tell something: truncated_pixel_count, missing_shards with
 // active_block_coverage, band_count (two or more), level with max_spacing_px and spacing (if the
-// request has a choice of level), surfaces (of two or more), notes, measures.
+// request has a choice of level), unresolved_block_count (of a level), surfaces (of two or more),
+// notes, measures.
 
 #include "client-cli/output/frame_statistics.h"
 
@@ -99,6 +100,9 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
     json["level"] = drawn.level();
     json["max_spacing_px"] = drawn.max_spacing_px();
     json["spacing"] = {drawn.spacing().x(), drawn.spacing().y(), drawn.spacing().z()};
+  }
+  if (statistics.has_unresolved_block_count()) {
+    json["unresolved_block_count"] = statistics.unresolved_block_count();
   }
   json["durations_ms"] = {
       {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},

@@ -99,8 +99,10 @@ void EraseColumn(const math::Index3& dims, std::int64_t column, absl::Span<std::
   }
 }
 
-// Adds to a set of blocks all 26 neighbours of each: the neighbours along x, then the neighbours of
-// all these along y, then along z. Each is a shift of the whole set, by 1, dims.x or a slab of ids.
+}  // namespace
+
+// The neighbours along x, then those of all these along y, then along z. Each is a shift of the
+// whole set, by 1, dims.x or a slab of ids.
 void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
   const std::int64_t count = math::Volume(dims);
   const std::int64_t slab = dims.x * dims.y;
@@ -122,6 +124,8 @@ void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
   OrBits(before.words(), slab, count - slab, 0, grown);
   OrBits(before.words(), 0, count - slab, slab, grown);
 }
+
+namespace {
 
 // Aims the rays at a region: its centre becomes the middle of the image plane, its half sides the
 // plane's half sides, and everything outside the region is outside the frustum.

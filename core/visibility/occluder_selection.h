@@ -79,6 +79,11 @@ RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count);
 volume::BlockSet OccludingBlocks(const volume::BlockSet& hits, const volume::BlockLayout& layout,
                                  const volume::BlockSet& active);
 
+// Adds to a set of blocks all 26 neighbours of each. O(blocks / 64).
+//
+// dims: blocks on each axis
+void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks);
+
 }  // namespace isoscope::visibility
 
 #endif  // ISOSCOPE_CORE_VISIBILITY_OCCLUDER_SELECTION_H_

@@ -30,6 +30,7 @@
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/sample_counts.h"
+#include "server/frame/unresolved_counts.h"
 #include "wire/frame_convert.h"
 
 namespace isoscope::server {
@@ -99,9 +100,11 @@ class FrameRunner {
   [[nodiscard]] CoordinatorState& state() const { return state_; }
   [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
   [[nodiscard]] SampleCountsCache& sample_counts() { return sample_counts_; }
+  [[nodiscard]] UnresolvedCounts& unresolved_counts() { return unresolved_counts_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
     cell_boxes_.AppendSamples(&families->back());
+    unresolved_counts_.AppendSamples(&families->back());
   }
 
  private:
@@ -127,6 +130,7 @@ class FrameRunner {
   AgentRoom agent_room_;
   CellBoxCache cell_boxes_;
   SampleCountsCache sample_counts_;
+  UnresolvedCounts unresolved_counts_;
 };
 
 // Returns the layout of the dataset's blocks on a grid: its own, or that of a level. INVALID_ARGUMENT

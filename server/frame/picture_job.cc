@@ -1,5 +1,6 @@
 #include "server/frame/picture_job.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 
@@ -9,6 +10,7 @@
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
 #include "core/view/level_choice.h"
+#include "server/frame/agent_queries.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
@@ -100,6 +102,7 @@ void MoveInto(FrameOutput output, frame::ImageFormat format,
   response->set_surface_index(std::move(output.surface_index));
   response->set_position(std::move(output.position));
   response->set_normal(std::move(output.normal));
+  response->set_depth_bounds(std::move(output.depth_bounds));
 }
 
 }  // namespace
@@ -182,9 +185,15 @@ absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on
                             runner_.Prepare(ticket_.get(), &asked_, recorder()));
   parts_ = target.parts;
   FrameOutput output;
-  ISOSCOPE_RETURN_IF_ERROR(RenderInRanges(target, on_drawn, &output));
-  ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
-  ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+  if (asked_.spec.output.is_drawn()) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderInRanges(target, on_drawn, &output));
+    ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
+    ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+    ISOSCOPE_RETURN_IF_ERROR(FindUnresolved(target));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));  // which the answer tells
+  }
+  ISOSCOPE_RETURN_IF_ERROR(FindBounds(target, &output));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
   ticket_->CountAnswer(output.size_bytes());
   FillResponse(target, std::move(output), response);
@@ -251,6 +260,71 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
     return absl::IsCancelled(notes.status()) ? notes.status() : absl::OkStatus();
   }
   notes_ = *std::move(notes);
+  return absl::OkStatus();
+}
+
+// Agents read the level's active blocks for a number that is not known yet. Only frames that ask for it
+// wait for that; others tell what is known.
+absl::Status PictureJob::FindUnresolved(const FrameTarget& target) {
+  const frame::FrameSpec& spec = asked_.spec;
+  if (spec.level == 0 || !cost_.missing_shards.empty()) {
+    return absl::OkStatus();
+  }
+  const base::TraceScope trace(recorder(), "unresolved blocks");
+  const FrameIdentity identity = Identity();
+  const isoscope::v1::Dataset& dataset = target.dataset->dataset;
+  std::int64_t sum = 0;
+  for (const volume::InsideRule& rule : frame::RulesOf(spec)) {
+    const std::string key = UnresolvedCounts::KeyOf(dataset.dataset_id(), rule, spec.level);
+    std::optional<std::int64_t> count = runner_.unresolved_counts().Find(key);
+    if (!count.has_value() && !asked_.with_unresolved_count) {
+      return absl::OkStatus();
+    }
+    if (!count.has_value()) {
+      const QueryOutcome<std::int64_t> outcome =
+          AskUnresolved({dataset.dataset_id(), parts_}, dataset.block_count(), spec.level, rule,
+                        *identity.request, *identity.cancellation);
+      runner_.state().ReportQuery(*identity.request, outcome.report);
+      if (!outcome.result.ok()) {
+        base::LogWarning("unresolved_blocks_failed", {{"request", identity.request->request_id()},
+                                                      {"status", outcome.result.status()}});
+        return absl::IsCancelled(outcome.result.status()) ? outcome.result.status()
+                                                          : absl::OkStatus();
+      }
+      count = *outcome.result;
+      runner_.unresolved_counts().Insert(key, *count);
+    }
+    sum += *count;
+  }
+  cost_.unresolved_block_count = sum;
+  return absl::OkStatus();
+}
+
+// All answers at a time have at most frame::kMaxBoundsPixels, for which FrameBytes counts.
+absl::Status PictureJob::FindBounds(const FrameTarget& target, FrameOutput* output) {
+  if (!asked_.spec.output.depth_bounds) {
+    return absl::OkStatus();
+  }
+  ReleaseImages();
+  const base::TraceScope trace(recorder(), "depth bounds");
+  const FrameIdentity identity = Identity();
+  const view::Region whole = target.view.region();
+  const auto width = static_cast<std::size_t>(whole.width_px);
+  output->depth_bounds.reserve(width * static_cast<std::size_t>(whole.height_px) *
+                               frame::kDepthBoundsBytes);
+  const int rows = std::max(static_cast<int>(frame::kMaxBoundsPixels / parts_.size() / width), 1);
+  frame::FrameSpec of_rows = asked_.spec;
+  of_rows.level = 0;
+  for (int y = 0; y < whole.height_px; y += rows) {
+    of_rows.region =
+        view::Region{whole.x, whole.y + y, whole.width_px, std::min(rows, whole.height_px - y)};
+    const QueryOutcome<visibility::DepthBounds> outcome =
+        AskDepthBounds({target.dataset->dataset.dataset_id(), parts_}, of_rows, *identity.request,
+                       *identity.cancellation);
+    runner_.state().ReportQuery(*identity.request, outcome.report);
+    ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+    AppendBounds(*outcome.result, target.view, &output->depth_bounds);
+  }
   return absl::OkStatus();
 }
 

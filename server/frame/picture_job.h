@@ -6,7 +6,8 @@
 //    (color_ranges). RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks are active, agents need not
 //    report them; otherwise their report goes into the cache.
 // 3. Picture and planes are encoded, in the arena of the runner.
-// 4. With notes, surfaces that do not show are looked for (surface_notes).
+// 4. With notes, surfaces that do not show are looked for (surface_notes). Bounds of depth come from
+//    the ranges of blocks, not from the drawing: the agents are asked for them last.
 //
 // What does not fit memory, of the coordinator or of an agent, is drawn in bands: regions of the
 // picture, each with steps 2 and 3, that a BandJoiner joins. Camera and colour ranges are resolved
@@ -142,6 +143,10 @@ class PictureJob {
   absl::Status FindRanges(const FrameTarget& target);
   // Finds the notes on surfaces. A picture without them is still right.
   absl::Status FindNotes(const FrameTarget& target);
+  // Counts what a level shows nothing of. A picture without the number is still right.
+  absl::Status FindUnresolved(const FrameTarget& target);
+  // Adds the plane of bounds, rows by rows.
+  absl::Status FindBounds(const FrameTarget& target, FrameOutput* output);
   // Converts all but the trace.
   void FillResponse(const FrameTarget& target, FrameOutput output, Response* response) const;
   absl::StatusOr<FrameResult> Draw(const Piece& piece, const FrameTarget& target,

@@ -188,6 +188,7 @@ class BandsTest : public ::testing::Test {
     planes.mutable_output()->set_surface_index(true);
     planes.mutable_output()->set_position(true);
     planes.mutable_output()->set_normal(true);
+    planes.mutable_output()->set_depth_bounds(true);
     add("planes", planes);
     planes.mutable_silhouette()->set_width_px(2);
     planes.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
@@ -209,6 +210,7 @@ class BandsTest : public ::testing::Test {
     EXPECT_TRUE(banded.surface_index() == whole.surface_index());
     EXPECT_TRUE(banded.position() == whole.position());
     EXPECT_TRUE(banded.normal() == whole.normal());
+    EXPECT_TRUE(banded.depth_bounds() == whole.depth_bounds());
     using google::protobuf::util::MessageDifferencer;
     EXPECT_TRUE(MessageDifferencer::Equals(banded.camera(), whole.camera()));
     EXPECT_TRUE(MessageDifferencer::Equals(banded.extent(), whole.extent()));

@@ -4,6 +4,7 @@
 // - an 8-bit level is that of the same samples times 256, of 16 bits, to the last pixel;
 // - the choice by the distance of samples, and what the answer tells;
 // - camera, clip planes and omitted ranges are those of level 0;
+// - what a level hides: bounds of depth, and unresolved blocks;
 // - levels that are not there, in the dataset or in one shard, and rules that do not fit.
 
 #include <algorithm>
@@ -305,6 +306,74 @@ TEST_F(LevelPictureTest, DepthsOfALevelAreNearThoseOfLevelZero) {
   }
   EXPECT_GT(both, 3000U);
   EXPECT_GT(static_cast<double>(near), 0.9 * static_cast<double>(both));
+}
+
+// What a level hides is bounded by the blocks of level 0, whatever is drawn.
+TEST_F(LevelPictureTest, BoundsOfDepthAreThoseOfLevelZeroAtEveryLevel) {
+  v1::RenderIsosurfaceRequest exact = Request(0);
+  exact.mutable_output()->set_depth(true);
+  exact.mutable_output()->set_depth_bounds(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto expected, Render(*one_, exact));
+  const std::string& bounds = expected.depth_bounds();
+  ASSERT_EQ(bounds.size(), 2 * expected.depth().size());
+  const auto float_at = [](const std::string& plane, std::size_t i) {
+    return base::LoadLittleEndian<float>(plane.data() + 4 * i);
+  };
+  for (std::size_t i = 0; i < expected.depth().size() / 4; ++i) {
+    const float depth = float_at(expected.depth(), i);
+    if (!std::isinf(depth)) {
+      ASSERT_LE(float_at(bounds, 2 * i), depth) << "pixel " << i;
+      ASSERT_GE(float_at(bounds, 2 * i + 1), depth) << "pixel " << i;
+    }
+  }
+  for (int level = 0; level <= kHighest; ++level) {
+    v1::RenderIsosurfaceRequest request = Request(level);
+    request.mutable_output()->set_depth_bounds(true);
+    for (const ProcessCluster* cluster : {one_.get(), three_.get()}) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(*cluster, request));
+      EXPECT_TRUE(response.depth_bounds() == bounds) << "level " << level;
+    }
+  }
+}
+
+TEST_F(LevelPictureTest, UnresolvedBlocksAreTheSameForAnyShardsAndToldFromThenOn) {
+  v1::RenderIsosurfaceRequest exact = Request(0);
+  exact.set_with_unresolved_count(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto at_zero, Render(*one_, exact));
+  EXPECT_FALSE(at_zero.statistics().has_unresolved_block_count());
+  for (int level = 1; level <= kHighest; ++level) {
+    v1::RenderIsosurfaceRequest request = Request(level);
+    request.set_with_unresolved_count(true);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, Render(*one_, request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto three, Render(*three_, request));
+    ASSERT_TRUE(one.statistics().has_unresolved_block_count());
+    EXPECT_EQ(one.statistics().unresolved_block_count(),
+              three.statistics().unresolved_block_count());
+    EXPECT_LT(one.statistics().unresolved_block_count(), at_zero.statistics().active_block_count());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto later, Render(*one_, Request(level)));
+    EXPECT_EQ(later.statistics().unresolved_block_count(),
+              one.statistics().unresolved_block_count());
+  }
+}
+
+// A vessel of one voxel is gone at level 1: every block that it meets is unresolved.
+TEST_F(LevelPictureTest, ALoneVesselIsCountedAsUnresolved) {
+  TestVolume vessel = Volume();
+  std::fill(vessel.samples.begin(), vessel.samples.end(), '\0');
+  for (std::int64_t x = 0; x < kDims.x; ++x) {
+    vessel.samples[static_cast<std::size_t>(x + kDims.x * (20 + kDims.y * 20))] = '\xff';
+  }
+  ISOSCOPE_ASSERT_OK(MakeLeveled(vessel, Path("vessel"), 2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Path("vessel"), 2));
+  v1::RenderIsosurfaceRequest request = Request(0);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto exact, Render(*cluster, request));
+  EXPECT_EQ(exact.statistics().active_block_count(), 9) << "66 cells in blocks of 8";
+  for (int level = 1; level <= kHighest; ++level) {
+    request = Request(level);
+    request.set_with_unresolved_count(true);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(*cluster, request));
+    EXPECT_EQ(response.statistics().unresolved_block_count(), 9);
+  }
 }
 
 TEST_F(LevelPictureTest, OmittedRangesAreThoseOfLevelZero) {

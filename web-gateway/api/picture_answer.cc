@@ -46,7 +46,8 @@ std::pair<const char*, std::string*> OutputOf(const OutputOptions& output,
       return {kBytes, output.depth()           ? response->mutable_depth()
                       : output.surface_index() ? response->mutable_surface_index()
                       : output.position()      ? response->mutable_position()
-                                               : response->mutable_normal()};
+                      : output.normal()        ? response->mutable_normal()
+                                               : response->mutable_depth_bounds()};
     default:
       return {"image/png", response->mutable_png()};
   }
@@ -93,7 +94,8 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
   const OutputOptions& output = request.output();
   const int plane_count = static_cast<int>(output.depth()) +
                           static_cast<int>(output.surface_index()) +
-                          static_cast<int>(output.position()) + static_cast<int>(output.normal());
+                          static_cast<int>(output.position()) + static_cast<int>(output.normal()) +
+                          static_cast<int>(output.depth_bounds());
   const bool has_image = output.image_format() != OutputOptions::IMAGE_FORMAT_NONE;
   if (plane_count + static_cast<int>(has_image) != 1) {
     return absl::InvalidArgumentError(
@@ -108,6 +110,12 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
     return absl::InvalidArgumentError(
         "allowPartial is true: a picture over HTTP can't say what is missing in it; ask the "
         "coordinator");
+  }
+  if (request.with_unresolved_count()) {
+    return absl::InvalidArgumentError(
+        "withUnresolvedCount is true: a picture over HTTP has no statistics; ask the coordinator, "
+        "or "
+        "/v1/interact");
   }
   if (request.with_notes()) {
     return absl::InvalidArgumentError(

@@ -181,6 +181,7 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_with_trace();
   deciding.clear_allow_partial();
   deciding.clear_with_notes();
+  deciding.clear_with_unresolved_count();
   deciding.clear_dataset_id();
   return deciding;
 }

@@ -216,6 +216,7 @@ def statistics(proto: frame_pb2.RenderStatistics) -> Statistics:
         missing_shards=tuple(proto.missing_shards),
         active_block_coverage=_optional(proto, "active_block_coverage"),
         band_count=max(proto.band_count, 1),
+        unresolved_block_count=_optional(proto, "unresolved_block_count"),
         durations_ms={step: _milliseconds(getattr(proto.durations, f"{step}_duration")) for step in _STEPS},
         agents=tuple(
             AgentStatistics(
@@ -317,6 +318,7 @@ class FrameParts:
         again.camera.CopyFrom(self._rest.camera)
         again.ClearField("camera_fit")
         again.ClearField("with_notes")
+        again.ClearField("with_unresolved_count")
         _set_ranges(again, self._rest)
         notes = tuple(map(_note, self._rest.notes))
         for note in notes:

@@ -193,6 +193,7 @@ def render(
     quality: int | None = None,
     planes: Sequence[PlaneName] = (),
     allow_partial: bool = False,
+    count_unresolved: bool = False,
     timeout: float | None = None,
 ) -> Call[Frame]:
     """Renders one frame.
@@ -242,9 +243,11 @@ def render(
         culling: "depth" and "none" give the same bytes; "mask" is approximate.
         format: "png", "jpeg", "rgba" or "none".
         quality: of a JPEG, 1 to 100.
-        planes: planes to send along: "depth", "surface_index", "position", "normal".
+        planes: planes to send along: "depth", "surface_index", "position", "normal", "depth_bounds".
         allow_partial: draw what there is if some shards are not served; `frame.stats.missing_shards`
             says what is missing. Else that is an error.
+        count_unresolved: count the blocks that a level shows nothing of, `frame.stats.unresolved_block_count`; the
+            first frame of a surface at a level waits for it.
         timeout: deadline in seconds; default: the client's.
 
     A surface that does not show, and that no other one hides, is no error: a SurfaceWarning says why.
@@ -267,6 +270,8 @@ def render(
     _request.set_level(request, level, max_spacing, self._client._capabilities)
     _request.set_output(request, format, quality, planes)
     request.allow_partial = bool(allow_partial)
+    if count_unresolved:  # older servers refuse the field
+        request.with_unresolved_count = True
     _request.ask_for_notes(request, self._client._capabilities)
     return frame(_expecting(self, request), timeout)
 

@@ -67,6 +67,7 @@ PLANES: dict[str, tuple[str, int]] = {
     "surface_index": ("u1", 1),
     "position": ("<f4", 3),
     "normal": ("<f4", 3),
+    "depth_bounds": ("<f4", 2),
 }
 
 

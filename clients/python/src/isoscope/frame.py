@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Frame", "ImageFormat", "PlaneName"]
 
 #: Planes beside the picture.
-PlaneName = Literal["depth", "surface_index", "position", "normal"]
+PlaneName = Literal["depth", "surface_index", "position", "normal", "depth_bounds"]
 #: How the picture travels: "png" and "rgba" without loss, "jpeg" with loss, "none" not at all.
 ImageFormat = Literal["png", "jpeg", "rgba", "none"]
 
@@ -152,6 +152,14 @@ class Frame:
     def normal(self) -> npt.NDArray[np.float32]:
         """World normal towards smaller values: float32, shape (height, width, 3); NaN: background."""
         return self._plane("normal")
+
+    @property
+    def depth_bounds(self) -> npt.NDArray[np.float32]:
+        """Nearest and farthest `depth` that the exact picture can have: float32, shape (height, width, 2).
+
+        Both are infinite where the background is proved. Elsewhere the pixel may be background, too.
+        """
+        return self._plane("depth_bounds")
 
     @property
     def size(self) -> tuple[int, int]:

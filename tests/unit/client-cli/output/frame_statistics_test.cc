@@ -119,6 +119,10 @@ TEST(FrameStatisticsTest, PixelsWithTooManyLayersAreCountedWhereThereAreAny) {
   FrameRecord record;
   EXPECT_FALSE(
       Json::parse(StatisticsJson({record}))["frames"][0].contains("truncated_pixel_count"));
+  EXPECT_FALSE(
+      Json::parse(StatisticsJson({record}))["frames"][0].contains("unresolved_block_count"));
+  record.statistics.set_unresolved_block_count(0);
+  EXPECT_EQ(Json::parse(StatisticsJson({record}))["frames"][0]["unresolved_block_count"], 0);
   record.statistics.set_truncated_pixel_count(7);
   EXPECT_EQ(Json::parse(StatisticsJson({record}))["frames"][0]["truncated_pixel_count"], 7);
 }

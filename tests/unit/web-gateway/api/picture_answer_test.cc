@@ -40,6 +40,8 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       {"output { image_format: IMAGE_FORMAT_NONE surface_index: true }", ""},
       {"output { image_format: IMAGE_FORMAT_NONE position: true }", ""},
       {"output { image_format: IMAGE_FORMAT_NONE normal: true }", ""},
+      {"output { image_format: IMAGE_FORMAT_NONE depth_bounds: true }", ""},
+      {"output { depth_bounds: true }", "output asks for a picture and 1 planes"},
       {"output { image_format: IMAGE_FORMAT_NONE }", "output asks for 0 planes"},
       {"output { depth: true }", "output asks for a picture and 1 planes"},
       {"output { image_format: IMAGE_FORMAT_NONE depth: true normal: true }",
@@ -48,6 +50,7 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       {"allow_partial: true", "allowPartial is true"},
       {"allow_partial: true output { depth: true }", "output asks for"},
       {"with_notes: true", "withNotes is true"},
+      {"with_unresolved_count: true", "withUnresolvedCount is true"},
   };
   for (const Case& c : cases) {
     const absl::Status status = CheckAnswerable(Parse<v1::RenderIsosurfaceRequest>(c.request));
@@ -72,7 +75,7 @@ TEST(PictureAnswerTest, APngBecomesAWebpOrStaysAsItIs) {
 
 TEST(PictureAnswerTest, TheAnswerHasTheOutputThatWasAskedFor) {
   const auto rendered = Parse<v1::RenderIsosurfaceResponse>(
-      R"(png: "a" jpeg: "b" rgba8: "c" depth: "d" surface_index: "e" position: "f" normal: "g"
+      R"(png: "a" jpeg: "b" rgba8: "c" depth: "d" surface_index: "e" position: "f" normal: "g" depth_bounds: "h"
          extent { width_px: 7 height_px: 5 })");
   const std::string bytes = "application/octet-stream";
   struct Case {
@@ -89,6 +92,7 @@ TEST(PictureAnswerTest, TheAnswerHasTheOutputThatWasAskedFor) {
            {"image_format: IMAGE_FORMAT_NONE surface_index: true", bytes, "e"},
            {"image_format: IMAGE_FORMAT_NONE position: true", bytes, "f"},
            {"image_format: IMAGE_FORMAT_NONE normal: true", bytes, "g"},
+           {"image_format: IMAGE_FORMAT_NONE depth_bounds: true", bytes, "h"},
        }) {
     v1::RenderIsosurfaceRequest request;
     *request.mutable_output() = Parse<v1::OutputOptions>(c.output);

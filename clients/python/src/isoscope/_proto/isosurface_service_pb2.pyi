@@ -216,9 +216,10 @@ class Material(_message.Message):
     def __init__(self, ambient: _Optional[float] = ..., diffuse: _Optional[float] = ..., specular: _Optional[float] = ..., shininess: _Optional[float] = ...) -> None: ...
 
 class OutputOptions(_message.Message):
-    __slots__ = ["depth", "image_format", "jpeg_quality", "normal", "position", "surface_index"]
+    __slots__ = ["depth", "depth_bounds", "image_format", "jpeg_quality", "normal", "position", "surface_index"]
     class ImageFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = []
+    DEPTH_BOUNDS_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
     IMAGE_FORMAT_FIELD_NUMBER: _ClassVar[int]
     IMAGE_FORMAT_JPEG: OutputOptions.ImageFormat
@@ -231,12 +232,13 @@ class OutputOptions(_message.Message):
     POSITION_FIELD_NUMBER: _ClassVar[int]
     SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
     depth: bool
+    depth_bounds: bool
     image_format: OutputOptions.ImageFormat
     jpeg_quality: int
     normal: bool
     position: bool
     surface_index: bool
-    def __init__(self, image_format: _Optional[_Union[OutputOptions.ImageFormat, str]] = ..., jpeg_quality: _Optional[int] = ..., depth: bool = ..., surface_index: bool = ..., position: bool = ..., normal: bool = ...) -> None: ...
+    def __init__(self, image_format: _Optional[_Union[OutputOptions.ImageFormat, str]] = ..., jpeg_quality: _Optional[int] = ..., depth: bool = ..., surface_index: bool = ..., position: bool = ..., normal: bool = ..., depth_bounds: bool = ...) -> None: ...
 
 class Percentiles(_message.Message):
     __slots__ = ["high", "low"]
@@ -305,7 +307,7 @@ class Pixel(_message.Message):
     def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ...) -> None: ...
 
 class RenderIsosurfaceRequest(_message.Message):
-    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "level", "lights", "max_layers", "nan_color", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_notes", "with_trace"]
+    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "level", "lights", "max_layers", "nan_color", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_notes", "with_trace", "with_unresolved_count"]
     ALLOW_PARTIAL_FIELD_NUMBER: _ClassVar[int]
     AMBIENT_OCCLUSION_FIELD_NUMBER: _ClassVar[int]
     BACKGROUND_COLOR_FIELD_NUMBER: _ClassVar[int]
@@ -332,6 +334,7 @@ class RenderIsosurfaceRequest(_message.Message):
     VIEWPORT_FIELD_NUMBER: _ClassVar[int]
     WITH_NOTES_FIELD_NUMBER: _ClassVar[int]
     WITH_TRACE_FIELD_NUMBER: _ClassVar[int]
+    WITH_UNRESOLVED_COUNT_FIELD_NUMBER: _ClassVar[int]
     allow_partial: bool
     ambient_occlusion: AmbientOcclusion
     background_color: _geometry_pb2.Color
@@ -358,13 +361,15 @@ class RenderIsosurfaceRequest(_message.Message):
     viewport: _geometry_pb2.Viewport
     with_notes: bool
     with_trace: bool
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., with_notes: bool = ..., level: _Optional[_Union[LevelChoice, _Mapping]] = ...) -> None: ...
+    with_unresolved_count: bool
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., with_notes: bool = ..., level: _Optional[_Union[LevelChoice, _Mapping]] = ..., with_unresolved_count: bool = ...) -> None: ...
 
 class RenderIsosurfaceResponse(_message.Message):
-    __slots__ = ["camera", "caps_coloring", "colorings", "depth", "drawn_level", "extent", "jpeg", "normal", "notes", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
+    __slots__ = ["camera", "caps_coloring", "colorings", "depth", "depth_bounds", "drawn_level", "extent", "jpeg", "normal", "notes", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     CAPS_COLORING_FIELD_NUMBER: _ClassVar[int]
     COLORINGS_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_BOUNDS_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
     DRAWN_LEVEL_FIELD_NUMBER: _ClassVar[int]
     EXTENT_FIELD_NUMBER: _ClassVar[int]
@@ -383,6 +388,7 @@ class RenderIsosurfaceResponse(_message.Message):
     caps_coloring: CapsColoring
     colorings: _containers.RepeatedCompositeFieldContainer[SurfaceColoring]
     depth: bytes
+    depth_bounds: bytes
     drawn_level: DrawnLevel
     extent: _geometry_pb2.Viewport
     jpeg: bytes
@@ -396,7 +402,7 @@ class RenderIsosurfaceResponse(_message.Message):
     surface_index: bytes
     time: float
     trace: _trace_pb2.FrameTrace
-    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ..., caps_coloring: _Optional[_Union[CapsColoring, _Mapping]] = ..., notes: _Optional[_Iterable[_Union[SurfaceNote, _Mapping]]] = ..., drawn_level: _Optional[_Union[DrawnLevel, _Mapping]] = ...) -> None: ...
+    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ..., caps_coloring: _Optional[_Union[CapsColoring, _Mapping]] = ..., notes: _Optional[_Iterable[_Union[SurfaceNote, _Mapping]]] = ..., drawn_level: _Optional[_Union[DrawnLevel, _Mapping]] = ..., depth_bounds: _Optional[bytes] = ...) -> None: ...
 
 class RenderIsosurfaceStreamRequest(_message.Message):
     __slots__ = ["request"]

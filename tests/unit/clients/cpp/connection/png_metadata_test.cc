@@ -79,6 +79,7 @@ TEST(PngMetadataTest, NamesSeedsAndCullingStayOut) {
   record.request.set_ray_seed(12345);
   record.request.set_with_trace(true);
   record.request.set_with_notes(true);
+  record.request.set_with_unresolved_count(true);
   EXPECT_EQ(EncodePictureRecord(record), text);
   EXPECT_EQ(DecidingPart(record.request).SerializeAsString(),
             SampleRecord().request.SerializeAsString());
