@@ -123,7 +123,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   reader->manifest_ = std::move(descriptions.manifest);
   reader->manifest_crc32c_ = descriptions.manifest_crc32c;
   reader->layout_ = descriptions.layout;
-  reader->ranges_ = VolumeRanges::Share(std::move(descriptions.ranges));
+  reader->ranges_ = VolumeRanges::Share(reader->layout_.block_dims(), std::move(descriptions.ranges));
   ISOSCOPE_RETURN_IF_ERROR(reader->ReadShardFile(open_file));
   ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file));
   return reader;

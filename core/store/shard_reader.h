@@ -26,6 +26,7 @@
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
@@ -73,6 +74,11 @@ class ShardReader {
   [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(
       const volume::InsideRule& rule) const {
     return ranges_->ActiveBlocks(rule);
+  }
+  // The same as a tree, for volumes with more than volume::kMaxDenseBlocks blocks.
+  [[nodiscard]] std::shared_ptr<const volume::BlockTree> ActiveTree(
+      const volume::InsideRule& rule) const {
+    return ranges_->ActiveTree(rule);
   }
   [[nodiscard]] std::int64_t block_count() const;
   // REQUIRES: ordinal < block_count().

@@ -5,6 +5,10 @@
 #include <utility>
 #include <vector>
 
+#include "absl/status/statusor.h"
+
+#include "core/base/check.h"
+
 namespace isoscope::store {
 namespace {
 
@@ -12,16 +16,17 @@ namespace {
 // shard.
 class Pool {
  public:
-  std::shared_ptr<VolumeRanges> Share(volume::RangeTable table) ABSL_LOCKS_EXCLUDED(mutex_) {
+  std::shared_ptr<VolumeRanges> Share(const math::Index3& block_dims, volume::RangeTable table)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     std::erase_if(shared_, [](const auto& ranges) { return ranges.expired(); });
     for (const std::weak_ptr<VolumeRanges>& weak : shared_) {
       std::shared_ptr<VolumeRanges> ranges = weak.lock();
-      if (ranges != nullptr && ranges->table() == table) {
+      if (ranges != nullptr && ranges->block_dims() == block_dims && ranges->table() == table) {
         return ranges;
       }
     }
-    auto ranges = std::make_shared<VolumeRanges>(std::move(table));
+    auto ranges = std::make_shared<VolumeRanges>(block_dims, std::move(table));
     shared_.push_back(ranges);
     return ranges;
   }
@@ -33,9 +38,10 @@ class Pool {
 
 }  // namespace
 
-std::shared_ptr<VolumeRanges> VolumeRanges::Share(volume::RangeTable table) {
+std::shared_ptr<VolumeRanges> VolumeRanges::Share(const math::Index3& block_dims,
+                                                  volume::RangeTable table) {
   static Pool& pool = *new Pool;  // shards may be closed while the process ends
-  return pool.Share(std::move(table));
+  return pool.Share(block_dims, std::move(table));
 }
 
 std::shared_ptr<const volume::BlockSet> VolumeRanges::ActiveBlocks(const volume::InsideRule& rule) {
@@ -54,6 +60,33 @@ std::shared_ptr<const volume::BlockSet> VolumeRanges::ActiveBlocks(const volume:
       std::clamp(kMaxBytes / std::max<std::size_t>(set_bytes, 1), kMinSets, kMaxSets);
   if (entries_.size() > max_sets) {
     entries_.pop_back();
+  }
+  return active;
+}
+
+std::shared_ptr<const volume::BlockTree> VolumeRanges::ActiveTree(const volume::InsideRule& rule) {
+  // The lock is held while a tree is made, because agents of one process need the same one at once.
+  const base::MutexLock lock(&mutex_);
+  const auto found = std::find_if(trees_.begin(), trees_.end(),
+                                  [&](const TreeEntry& entry) { return entry.rule == rule; });
+  if (found != trees_.end()) {
+    trees_.splice(trees_.begin(), trees_, found);
+    return found->active;
+  }
+  if (!octree_.has_value()) {
+    octree_ = volume::SpanOctree::OfTable(block_dims_, table_);
+  }
+  absl::StatusOr<volume::BlockTree> tree = octree_->ActiveBlocks(rule);
+  ISOSCOPE_CHECK(tree.ok());  // the table is in memory
+  auto active = std::make_shared<const volume::BlockTree>(*std::move(tree));
+  trees_.push_front({rule, active});
+  std::size_t bytes = 0;
+  for (auto entry = trees_.begin(); entry != trees_.end(); ++entry) {
+    bytes += entry->active->size_bytes();
+    if (bytes > kMaxTreeBytes && entry != trees_.begin()) {
+      trees_.erase(entry, trees_.end());
+      break;
+    }
   }
   return active;
 }

@@ -106,6 +106,22 @@ class DistanceField {
   const std::vector<std::uint32_t> far_;
 };
 
+// The bits of a brick's blocks at the lower and the upper end of each axis.
+constexpr std::uint64_t kLowest[] = {0x1111111111111111, 0x000f000f000f000f, 0x000000000000ffff};
+constexpr std::uint64_t kHighest[] = {0x8888888888888888, 0xf000f000f000f000, 0xffff000000000000};
+
+// The blocks of a brick and their neighbours along an axis: in the brick before, the brick, and the
+// brick behind.
+struct Spread {
+  std::uint64_t parts[3];
+};
+Spread SpreadAlong(int axis, std::uint64_t blocks) {
+  const int step = 1 << (2 * axis);
+  return {{(blocks & kLowest[axis]) << (3 * step),
+           blocks | (blocks & ~kHighest[axis]) << step | (blocks & ~kLowest[axis]) >> step,
+           (blocks & kHighest[axis]) >> (3 * step)}};
+}
+
 }  // namespace
 
 BlockTree::BlockTree(const math::Index3& block_dims, absl::Span<const Brick> bricks)
@@ -269,6 +285,40 @@ std::vector<BlockId> BlockTree::IdsOf(absl::Span<const std::uint64_t> marks) con
     begin = end;
   }
   return ids;
+}
+
+std::vector<std::uint64_t> BlockTree::WithNeighbours(absl::Span<const std::uint64_t> marks) const {
+  ISOSCOPE_CHECK_EQ(marks.size(), words_.size());
+  std::vector<std::uint64_t> grown(words_.size());
+  const auto add = [&](const math::Index3& brick, std::uint64_t blocks) {
+    if (blocks == 0 || brick.x < 0 || brick.y < 0 || brick.z < 0 || brick.x >= brick_dims_.x ||
+        brick.y >= brick_dims_.y || brick.z >= brick_dims_.z) {
+      return;
+    }
+    const std::uint32_t cell = cells_[static_cast<std::size_t>(
+        brick.x + brick_dims_.x * (brick.y + brick_dims_.y * brick.z))];
+    if (cell < kEmpty) {
+      grown[cell] |= blocks & words_[cell];
+    }
+  };
+  for (std::size_t i = 0; i < marks.size(); ++i) {
+    if (marks[i] == 0) {
+      continue;
+    }
+    const math::Index3 begin = IndexOf(bricks_[i], 0);
+    const math::Index3 brick{begin.x / kBrickSide, begin.y / kBrickSide, begin.z / kBrickSide};
+    const Spread along_x = SpreadAlong(0, marks[i]);
+    for (int x = 0; x < 3; ++x) {
+      const Spread along_y = SpreadAlong(1, along_x.parts[x]);
+      for (int y = 0; y < 3; ++y) {
+        const Spread along_z = SpreadAlong(2, along_y.parts[y]);
+        for (int z = 0; z < 3; ++z) {
+          add({brick.x + x - 1, brick.y + y - 1, brick.z + z - 1}, along_z.parts[z]);
+        }
+      }
+    }
+  }
+  return grown;
 }
 
 BlockSet BlockTree::ToSet() const {

@@ -20,6 +20,10 @@
 
 namespace isoscope::volume {
 
+// Up to this many blocks, a set takes half a megabyte, and rays that walk from block to block are as
+// fast or faster (docs/lab/experiments.md). Larger volumes keep their active blocks as trees.
+inline constexpr std::int64_t kMaxDenseBlocks = std::int64_t{1} << 22;
+
 // Immutable; thread-safe. Memory: 4 bytes for each brick of the volume, and 12 bytes for each brick
 // with members: size_bytes(). There are about block_count / 64 bricks.
 class BlockTree {
@@ -73,6 +77,11 @@ class BlockTree {
   // Returns the members, ascending, or as a set.
   [[nodiscard]] std::vector<BlockId> Ids() const { return IdsOf(words_); }
   [[nodiscard]] BlockSet ToSet() const;
+
+  // Returns the marks of the members that are set in `marks`, or are one of their 26 neighbours. Marks
+  // have the shape of words(). O(words()).
+  [[nodiscard]] std::vector<std::uint64_t> WithNeighbours(
+      absl::Span<const std::uint64_t> marks) const;
 
   // Returns the members for which keep(block index) is true.
   template <typename Keep>

@@ -3,7 +3,7 @@
 //   1. The list of active blocks may be in the cache, from an earlier frame.
 //   2. For an isovalue, the interval tree is queried. The blocks come in any order; the rank of an
 //      id in the set of all is its index in the list, which is cheaper than sorting.
-//   3. For labels, the range table in memory is scanned once.
+//   3. For labels, the range table says which blocks are active.
 //
 // Invariant: a list is ascending by block id, and its ordinals agree with the block index.
 
@@ -49,17 +49,26 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
   return active;
 }
 
-// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
-// range table, which is in memory, has them all in one pass.
-ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
-  const store::ShardReader& reader = *shard.reader;
-  const std::shared_ptr<const volume::BlockSet> volume_blocks = reader.ActiveBlocks(rule);
-  auto active = std::make_shared<std::vector<ActiveBlock>>();
+// Returns the blocks of a shard that are in `volume_blocks`, in any order.
+template <typename Blocks>
+std::vector<ActiveBlock> MembersOf(const store::ShardReader& reader, const Blocks& volume_blocks) {
+  std::vector<ActiveBlock> members;
   for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-    if (volume_blocks->Contains(reader.block_id(ordinal))) {
-      active->push_back({reader.block_id(ordinal), ordinal});
+    if (volume_blocks.Contains(reader.block_id(ordinal))) {
+      members.push_back({reader.block_id(ordinal), ordinal});
     }
   }
+  return members;
+}
+
+// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
+// range table has them all: in one pass, or by its octree if it is large.
+ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
+  const store::ShardReader& reader = *shard.reader;
+  auto active = std::make_shared<std::vector<ActiveBlock>>(
+      reader.layout().block_count() > volume::kMaxDenseBlocks
+          ? MembersOf(reader, *reader.ActiveTree(rule))
+          : MembersOf(reader, *reader.ActiveBlocks(rule)));
   std::sort(active->begin(), active->end(),
             [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
   active->shrink_to_fit();

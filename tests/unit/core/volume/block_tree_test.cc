@@ -107,6 +107,34 @@ TEST(BlockTreeTest, MarksAreASubset) {
   EXPECT_EQ(tree.IdsOf(marks), some.Ids());
 }
 
+TEST(BlockTreeTest, NeighboursOfMarksAreThoseInAllDirections) {
+  for (const math::Index3& dims : kVolumes) {
+    const BlockSet set = RandomSet(dims, 0.3, 1);
+    const BlockTree tree(dims, set);
+    const BlockSet marked = RandomSet(dims, 0.05, 2);
+    std::vector<std::uint64_t> marks(tree.words().size());
+    BlockSet expected(math::Volume(dims));
+    for (const BlockId id : set.Ids()) {
+      if (!marked.Contains(id)) {
+        continue;
+      }
+      const std::int64_t code = tree.CodeOf(id);
+      marks[tree.cells()[static_cast<std::size_t>(code >> 6)]] |= std::uint64_t{1} << (code & 63);
+      const math::Index3 at{id % dims.x, id / dims.x % dims.y, id / (dims.x * dims.y)};
+      for (std::int64_t other = 0; other < math::Volume(dims); ++other) {
+        const math::Index3 offset =
+            math::Index3{other % dims.x, other / dims.x % dims.y, other / (dims.x * dims.y)} - at;
+        if (std::max({std::abs(offset.x), std::abs(offset.y), std::abs(offset.z)}) <= 1) {
+          expected.Insert(static_cast<BlockId>(other));
+        }
+      }
+    }
+    expected.IntersectWith(set);
+    EXPECT_EQ(tree.IdsOf(tree.WithNeighbours(marks)), expected.Ids())
+        << dims.x << " " << dims.y << " " << dims.z;
+  }
+}
+
 TEST(BlockTreeTest, UnionsAndFiltersAreThoseOfSets) {
   const math::Index3 dims{33, 18, 7};
   const BlockSet a = RandomSet(dims, 0.02, 1);
