@@ -31,7 +31,7 @@ class VolumeRanges {
                                              volume::RangeTable table);
 
   VolumeRanges(const math::Index3& block_dims, volume::RangeTable table)
-      : block_dims_(block_dims), table_(std::move(table)) {}
+      : table_(std::move(table)), block_dims_(block_dims) {}
   VolumeRanges(const VolumeRanges&) = delete;
   VolumeRanges& operator=(const VolumeRanges&) = delete;
 
@@ -64,8 +64,8 @@ class VolumeRanges {
     std::shared_ptr<const volume::BlockTree> active;
   };
 
-  const math::Index3 block_dims_;
   const volume::RangeTable table_;
+  const math::Index3 block_dims_;
   base::Mutex mutex_;
   std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);    // the last used first
   std::list<TreeEntry> trees_ ABSL_GUARDED_BY(mutex_);  // the last used first

@@ -90,43 +90,60 @@ absl::Status CastShare(const visibility::RayShare& share, const base::Cancellati
   return cancellation.Check();
 }
 
-}  // namespace
-
-absl::StatusOr<std::vector<volume::BlockId>> CastRays(
-    const store::ShardReader& reader, const view::View& view, const view::Clipper& clipper,
-    const FrameTask& task, const base::Cancellation& cancellation, base::TraceRecorder* trace) {
-  const volume::BlockLayout& layout = reader.layout();
-  const visibility::RaySet rays(view, layout, task.spec.ray_seed);
-  const visibility::RayShare share =
-      visibility::ShareOfRays(rays.count(), task.agent_index, task.agent_count);
-  if (layout.block_count() > volume::kMaxDenseBlocks) {
-    const std::shared_ptr<const volume::BlockTree> active =
-        TreeThatStopsRays(reader, clipper, task.spec);
-    using Marks = std::vector<std::uint64_t>;
-    tbb::enumerable_thread_specific<Marks> marks_by_thread(Marks(active->words().size()));
-    ISOSCOPE_RETURN_IF_ERROR(
-        CastShare(share, cancellation, trace, [&](std::int64_t begin, std::int64_t end) {
-          rays.Cast(begin, end, *active, absl::MakeSpan(marks_by_thread.local()));
-        }));
-    Marks marks(active->words().size());
-    for (const Marks& thread_marks : marks_by_thread) {
-      std::transform(marks.begin(), marks.end(), thread_marks.begin(), marks.begin(),
-                     std::bit_or<>());
-    }
-    return active->IdsOf(marks);
-  }
-  const std::shared_ptr<const volume::BlockSet> active =
-      BlocksThatStopRays(reader, clipper, task.spec);
-  tbb::enumerable_thread_specific<volume::BlockSet> hits_by_thread(layout.block_count());
+absl::StatusOr<std::vector<volume::BlockId>> CastThroughSet(const visibility::RaySet& rays,
+                                                            const visibility::RayShare& share,
+                                                            const volume::BlockSet& active,
+                                                            std::int64_t block_count,
+                                                            const base::Cancellation& cancellation,
+                                                            base::TraceRecorder* trace) {
+  tbb::enumerable_thread_specific<volume::BlockSet> hits_by_thread(block_count);
   ISOSCOPE_RETURN_IF_ERROR(
       CastShare(share, cancellation, trace, [&](std::int64_t begin, std::int64_t end) {
-        rays.Cast(begin, end, *active, &hits_by_thread.local());
+        rays.Cast(begin, end, active, &hits_by_thread.local());
       }));
-  volume::BlockSet hits(layout.block_count());
+  volume::BlockSet hits(block_count);
   for (const volume::BlockSet& thread_hits : hits_by_thread) {
     hits.UnionWith(thread_hits);
   }
   return hits.Ids();
+}
+
+absl::StatusOr<std::vector<volume::BlockId>> CastThroughTree(const visibility::RaySet& rays,
+                                                             const visibility::RayShare& share,
+                                                             const volume::BlockTree& active,
+                                                             const base::Cancellation& cancellation,
+                                                             base::TraceRecorder* trace) {
+  using Marks = std::vector<std::uint64_t>;
+  const Marks none(active.words().size());
+  tbb::enumerable_thread_specific<Marks> marks_by_thread(none);
+  ISOSCOPE_RETURN_IF_ERROR(
+      CastShare(share, cancellation, trace, [&](std::int64_t begin, std::int64_t end) {
+        rays.Cast(begin, end, active, absl::MakeSpan(marks_by_thread.local()));
+      }));
+  Marks marks = none;
+  for (const Marks& thread_marks : marks_by_thread) {
+    std::transform(marks.begin(), marks.end(), thread_marks.begin(), marks.begin(),
+                   std::bit_or<>());
+  }
+  return active.IdsOf(marks);
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<volume::BlockId>> CastRays(
+    const store::ShardReader& reader, const view::View& view, const view::Clipper& clipper,
+    const FrameTask& task, const base::Cancellation& cancellation, base::TraceRecorder* trace,
+    std::int64_t max_dense_blocks) {
+  const std::int64_t block_count = reader.layout().block_count();
+  const visibility::RaySet rays(view, reader.layout(), task.spec.ray_seed);
+  const visibility::RayShare share =
+      visibility::ShareOfRays(rays.count(), task.agent_index, task.agent_count);
+  if (block_count > max_dense_blocks) {
+    return CastThroughTree(rays, share, *TreeThatStopsRays(reader, clipper, task.spec),
+                           cancellation, trace);
+  }
+  return CastThroughSet(rays, share, *BlocksThatStopRays(reader, clipper, task.spec), block_count,
+                        cancellation, trace);
 }
 
 }  // namespace isoscope::agent
