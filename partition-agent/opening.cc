@@ -16,6 +16,7 @@
 #include "core/store/manifest.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
+#include "core/store/span_tree_file.h"
 
 namespace isoscope::agent {
 namespace {
@@ -98,8 +99,10 @@ void Opening::Begin(const std::vector<std::string>& shard_directories) {
   plan.shard_count = static_cast<int>(shard_directories.size());
   std::set<std::string> datasets;
   for (const std::string& directory : shard_directories) {
-    plan.table_bytes += SizeOf(store::PathIn(directory, store::kRangeTableFileName)) +
-                        SizeOf(store::PathIn(directory, store::kBlockIndexFileName));
+    plan.table_bytes += SizeOf(store::PathIn(directory, store::kBlockIndexFileName));
+    if (!io::PathExists(store::PathIn(directory, store::kSpanTreeFileName))) {
+      plan.table_bytes += SizeOf(store::PathIn(directory, store::kRangeTableFileName));
+    }
     if (std::string name = NameOfDataset(directory); !name.empty()) {
       datasets.insert(std::move(name));
     }

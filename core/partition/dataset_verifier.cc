@@ -242,6 +242,7 @@ class Verifier {
       report_.block_count += opened->block_count();
       ISOSCOPE_RETURN_IF_ERROR(VerifyBlocks(*opened));
       IsDamaged(opened->ReadHistogram().status());
+      IsDamaged(opened->VerifySpans());
       ISOSCOPE_RETURN_IF_ERROR(
           VerifyTree(absl::StrCat(directory, "/", store::kIntervalTreeFileName), *opened));
     }

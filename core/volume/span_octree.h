@@ -93,6 +93,11 @@ class SpanOctree {
   [[nodiscard]] const RangeTable& page_spans() const { return levels_.front().spans; }
   // Returns the span of the whole volume.
   [[nodiscard]] ScalarSpan Total() const { return levels_.back().spans.Get(0); }
+  // As SpanPages::Load. REQUIRES: the page exists.
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const std::string>> LoadPage(
+      std::int64_t page) const {
+    return pages_->Load(page);
+  }
   // Returns the span of a block. Errors are those of SpanPages::Load. REQUIRES: it exists.
   [[nodiscard]] absl::StatusOr<ScalarSpan> SpanOf(BlockId id) const;
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -43,13 +44,14 @@ std::shared_ptr<const volume::BlockSet> BlocksThatStopRays(const store::ShardRea
 }
 
 // The same blocks as a tree.
-std::shared_ptr<const volume::BlockTree> TreeThatStopsRays(const store::ShardReader& reader,
-                                                           const view::Clipper& clipper,
-                                                           const frame::FrameSpec& spec) {
+absl::StatusOr<std::shared_ptr<const volume::BlockTree>> TreeThatStopsRays(
+    const store::ShardReader& reader, const view::Clipper& clipper, const frame::FrameSpec& spec) {
   std::vector<std::shared_ptr<const volume::BlockTree>> active;
   for (const frame::Surface& surface : spec.surfaces) {
     if (!surface.is_translucent()) {
-      active.push_back(reader.ActiveTree(surface.rule));
+      ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const volume::BlockTree> tree,
+                                reader.ActiveTree(surface.rule));
+      active.push_back(std::move(tree));
     }
   }
   const volume::BlockLayout& layout = reader.layout();
@@ -139,8 +141,9 @@ absl::StatusOr<std::vector<volume::BlockId>> CastRays(
   const visibility::RayShare share =
       visibility::ShareOfRays(rays.count(), task.agent_index, task.agent_count);
   if (block_count > max_dense_blocks) {
-    return CastThroughTree(rays, share, *TreeThatStopsRays(reader, clipper, task.spec),
-                           cancellation, trace);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> active,
+                              TreeThatStopsRays(reader, clipper, task.spec));
+    return CastThroughTree(rays, share, *active, cancellation, trace);
   }
   return CastThroughSet(rays, share, *BlocksThatStopRays(reader, clipper, task.spec), block_count,
                         cancellation, trace);

@@ -63,12 +63,16 @@ std::vector<ActiveBlock> MembersOf(const store::ShardReader& reader, const Block
 
 // A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
 // range table has them all: in one pass, or by its octree if it is large.
-ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
+absl::StatusOr<ActiveList> BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
   const store::ShardReader& reader = *shard.reader;
-  auto active = std::make_shared<std::vector<ActiveBlock>>(
-      reader.layout().block_count() > volume::kMaxDenseBlocks
-          ? MembersOf(reader, *reader.ActiveTree(rule))
-          : MembersOf(reader, *reader.ActiveBlocks(rule)));
+  auto active = std::make_shared<std::vector<ActiveBlock>>();
+  if (reader.layout().block_count() > volume::kMaxDenseBlocks) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> volume_blocks,
+                              reader.ActiveTree(rule));
+    *active = MembersOf(reader, *volume_blocks);
+  } else {
+    *active = MembersOf(reader, *reader.ActiveBlocks(rule));
+  }
   std::sort(active->begin(), active->end(),
             [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
   active->shrink_to_fit();
@@ -102,7 +106,7 @@ absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards,
       if (active == nullptr) {
         ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
         if (rule.has_labels()) {
-          active = BlocksOfLabels(*shard, rule);
+          ISOSCOPE_ASSIGN_OR_RETURN(active, BlocksOfLabels(*shard, rule));
         } else {
           ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard, rule.isovalue, cost));
         }

@@ -3,13 +3,17 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <thread>
 #include <vector>
 
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
 #include "core/volume/scalar_span.h"
+#include "tests/support/status_matchers.h"
 
 namespace isoscope::store {
 namespace {
@@ -72,8 +76,8 @@ TEST(VolumeRangesTest, TreesHaveTheBlocksOfTheSets) {
     for (const double value : {0.0, 20.0, 60.0, 100.0, 500.0}) {
       for (const auto& rule :
            {volume::InsideRule::OfIsovalue(value), volume::InsideRule::OfLabels({value, 30})}) {
-        EXPECT_EQ(ranges.ActiveTree(rule)->ToSet(), ranges.table().ActiveBlocks(rule))
-            << rule.Text();
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto active, ranges.ActiveTree(rule));
+        EXPECT_EQ(active->ToSet(), ranges.table().ActiveBlocks(rule)) << rule.Text();
       }
     }
   }
@@ -86,8 +90,48 @@ TEST(VolumeRangesTest, ATableOfOtherDimensionsIsAnother) {
 
 TEST(VolumeRangesTest, OneSetServesAllWhoAskAgain) {
   VolumeRanges ranges(kDims, MakeTable(5));
-  EXPECT_EQ(ranges.ActiveTree({.isovalue = 60}), ranges.ActiveTree({.isovalue = 60}));
+  EXPECT_EQ(*ranges.ActiveTree({.isovalue = 60}), *ranges.ActiveTree({.isovalue = 60}));
   EXPECT_EQ(ranges.ActiveBlocks({.isovalue = 60}), ranges.ActiveBlocks({.isovalue = 60}));
+}
+
+// The ranges of a file, here of a table in memory.
+std::shared_ptr<VolumeRanges> InFile(const std::string& key, const volume::RangeTable& table,
+                                     int* load_count, bool is_readable = true) {
+  return VolumeRanges::Share(
+      key, volume::SpanOctree::OfTable(kDims, table),
+      [&table, load_count, is_readable]() -> absl::StatusOr<volume::RangeTable> {
+        ++*load_count;
+        if (!is_readable) {
+          return absl::DataLossError("ranges.bin: damaged");
+        }
+        return table;
+      });
+}
+
+TEST(VolumeRangesTest, TheTableOfAFileIsReadOnceAndOnlyIfItIsAskedFor) {
+  const volume::RangeTable table = MakeTable(9);
+  int load_count = 0;
+  const auto ranges = InFile("a", table, &load_count);
+  EXPECT_EQ(ranges, InFile("a", table, &load_count));
+  EXPECT_NE(ranges, InFile("b", table, &load_count));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto active, ranges->ActiveTree({.isovalue = 60}));
+  EXPECT_EQ(active->ToSet(), table.ActiveBlocks(60));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::ScalarSpan span, ranges->SpanOf(77));
+  EXPECT_EQ(span, table.Get(77));
+  EXPECT_EQ(load_count, 0);
+  EXPECT_EQ(ranges->table(), table);
+  EXPECT_EQ(*ranges->ActiveBlocks({.isovalue = 60}), table.ActiveBlocks(60));
+  EXPECT_EQ(load_count, 1);
+}
+
+TEST(VolumeRangesTest, ATableThatCantBeReadLeavesNoBlockOut) {
+  const volume::RangeTable table = MakeTable(9);
+  int load_count = 0;
+  const auto ranges = InFile("unreadable", table, &load_count, /*is_readable=*/false);
+  for (volume::BlockId id = 0; id < 500; ++id) {
+    EXPECT_EQ(ranges->table().Get(id), (volume::ScalarSpan{0, 255}));
+  }
+  EXPECT_EQ(load_count, 1);
 }
 
 TEST(VolumeRangesTest, ManyThreadsGetTheSameSets) {
