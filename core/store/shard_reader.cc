@@ -150,6 +150,17 @@ absl::Status ShardReader::OpenRanges(const OpenFile& open_file) {
   return absl::OkStatus();
 }
 
+absl::Status ShardReader::VerifySpans() const {
+  if (!has_span_tree()) {
+    return absl::OkStatus();
+  }
+  // Shards of a volume share the pages of one of them: here it is this shard's.
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::SpanOctree octree,
+                            OpenSpanTree(directory_, manifest_, layout_, open_file_));
+  ISOSCOPE_RETURN_IF_ERROR(VerifySpanTree(octree, PathIn(directory_, kSpanTreeFileName)));
+  return ReadRangeTable(directory_, manifest_, layout_, open_file_).status();
+}
+
 absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
   // 3: shard.json.
   const std::string path = PathIn(directory_, kShardFileName);

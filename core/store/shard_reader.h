@@ -93,8 +93,9 @@ class ShardReader {
   [[nodiscard]] std::int64_t CountActivePages(double isovalue) const {
     return ranges_->CountActivePages(isovalue);
   }
-  // Reads and verifies all of span_tree.bin, if there is one.
-  [[nodiscard]] absl::Status VerifySpans() const { return ranges_->Verify(directory_); }
+  // Reads and verifies all of this shard's span_tree.bin, and its ranges.bin beside it. OK if there is
+  // none: then Open has verified ranges.bin.
+  [[nodiscard]] absl::Status VerifySpans() const;
   [[nodiscard]] std::int64_t block_count() const;
   // REQUIRES: ordinal < block_count().
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;

@@ -11,7 +11,6 @@
 #include "core/base/coding.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
-#include "core/store/span_tree_file.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::store {
@@ -116,10 +115,6 @@ absl::StatusOr<volume::ScalarSpan> VolumeRanges::SpanOf(volume::BlockId id) cons
     return table_.Get(id);
   }
   return file_octree_->SpanOf(id);
-}
-
-absl::Status VolumeRanges::Verify(absl::string_view where) const {
-  return is_in_file() ? VerifySpanTree(*file_octree_, where) : absl::OkStatus();
 }
 
 std::shared_ptr<const volume::BlockSet> VolumeRanges::ActiveBlocks(const volume::InsideRule& rule) {

@@ -14,9 +14,7 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 
 #include "core/base/mutex.h"
 #include "core/math/vec.h"
@@ -66,8 +64,6 @@ class VolumeRanges {
   [[nodiscard]] std::int64_t CountActivePages(double isovalue) const {
     return file_octree_->page_spans().ActiveBlocks(isovalue).Count();
   }
-  // Reads and verifies all pages of a file; OK without one. `where` names it in errors.
-  [[nodiscard]] absl::Status Verify(absl::string_view where) const;
 
   // Returns table().ActiveBlocks(rule). Keeps the sets of the last rules, one bit for each block of
   // the volume: kMinSets of them, and up to kMaxSets that take at most kMaxBytes.

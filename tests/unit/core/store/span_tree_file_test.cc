@@ -168,6 +168,18 @@ TEST(SpanTreeOfShardTest, AShardAnswersByItsTree) {
     ASSERT_EQ(span, by_table->ranges().Get(block));
   }
   EXPECT_EQ(by_tree->ranges(), by_table->ranges()) << "read when it is asked for";
+
+  // Both files are verified, as far as they were not read.
+  for (const char* const name : {kSpanTreeFileName, kRangeTableFileName}) {
+    const std::string path = PathIn(directory, name);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 1 << 20));
+    std::string damaged = bytes;
+    damaged[damaged.size() - 5] ^= 1;
+    std::ofstream(path, std::ios::binary) << damaged;
+    EXPECT_THAT(by_tree->VerifySpans(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr(path)));
+    std::ofstream(path, std::ios::binary) << bytes;
+    ISOSCOPE_EXPECT_OK(by_tree->VerifySpans());
+  }
 }
 
 }  // namespace
