@@ -142,7 +142,8 @@ absl::Status ShardReader::OpenRanges(const OpenFile& open_file) {
   ISOSCOPE_ASSIGN_OR_RETURN(volume::SpanOctree octree,
                             OpenSpanTree(directory_, manifest_, layout_, open_file));
   ranges_ = VolumeRanges::Share(
-      absl::StrCat(manifest_.dataset_id, "/", absl::Hex(manifest_.range_table_crc32c)),
+      absl::StrFormat("%s/%08x/%dx%dx%d", manifest_.dataset_id, manifest_.range_table_crc32c,
+                      layout_.block_dims().x, layout_.block_dims().y, layout_.block_dims().z),
       std::move(octree),
       [directory = directory_, manifest = manifest_, layout = layout_, open_file] {
         return ReadRangeTable(directory, manifest, layout, open_file);

@@ -11,6 +11,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/store/span_tree_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
 
@@ -61,6 +62,19 @@ TEST_F(OccluderRaysTest, TreesGiveTheHitsOfSets) {
 TEST_F(OccluderRaysTest, TranslucentSurfacesStopNoRay) {
   task_.spec.surfaces.front().opacity = 0.5;
   EXPECT_EQ(ExpectEqualHits(), 0U);
+}
+
+TEST_F(OccluderRaysTest, ShardsWithASpanTreeGiveTheSameHits) {
+  const auto expected = Cast(0);
+  ISOSCOPE_ASSERT_OK(expected);
+  const store::ShardReader& reader = *shards_.front()->reader;
+  ISOSCOPE_ASSERT_OK(
+      store::WriteSpanTree(dataset_.shard_directory(0), reader.manifest(), reader.layout()));
+  shards_ = dataset_.OpenShards();
+  ASSERT_TRUE(shards_.front()->reader->has_span_tree());
+  const auto actual = Cast(0);
+  ISOSCOPE_ASSERT_OK(actual);
+  EXPECT_EQ(*actual, *expected);
 }
 
 TEST_F(OccluderRaysTest, ACancelledFrameEndsWithItsError) {
