@@ -182,8 +182,9 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& 
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
                             shards.FindAny(request.dataset_id()));
   const store::ShardReader& reader = *found->reader;
-  const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
-                                    view::Clipper(clip, reader.manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const ActiveBox box,
+      ActiveBoxOf(reader, rules, view::Clipper(clip, reader.manifest().geometry)));
   *response = wire::ToProto(box.block_count, box.cells);
   return absl::OkStatus();
 }
