@@ -366,7 +366,9 @@ unsigned CrossBricks(F64 d, const WalkLanes& walks, unsigned in_bricks, CubeLane
   auto is_over = has_hit;
   // Each turn moves every lane inside by a block.
   while (true) {
-    const auto is_member = hn::Ne(hn::And(hn::Shr(word, bit), hn::Set(du, 1)), hn::Zero(du));
+    // The bit of a lane that has left its brick may be any number.
+    const auto is_member =
+        hn::Ne(hn::And(hn::Shr(word, hn::And(bit, hn::Set(du, 63))), hn::Set(du, 1)), hn::Zero(du));
     const auto is_hit = hn::And(is_inside, hn::RebindMask(d, is_member));
     has_hit = hn::Or(has_hit, is_hit);
     is_inside = hn::AndNot(is_hit, is_inside);
