@@ -219,8 +219,9 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& 
     rule = frame::InStoredValues(std::move(rule), found.value_scale);
   }
   const store::ShardReader& reader = *found.shards.front()->reader;
-  const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
-                                    view::Clipper(clip, reader.manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const ActiveBox box,
+      ActiveBoxOf(reader, rules, view::Clipper(clip, reader.manifest().geometry)));
   *response = wire::ToProto(box.block_count, box.cells);
   return absl::OkStatus();
 }

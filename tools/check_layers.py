@@ -183,6 +183,8 @@ UNTESTED_HEADERS = {
     "core/store/sealed_json.h": "inside of manifest_test",
     "core/store/manifest_members.h": "inside of manifest_test and series_manifest_test",
     "core/picture/ambient_occlusion_kernel.h": "inside of ambient_occlusion_test",
+    "core/volume/active_spans.h": "inside of range_table_test and span_octree_test",
+    "core/visibility/ray_packet-inl.h": "inside of occluder_selection_test",
     "core/visibility/ray_kernel.h": "inside of occluder_selection_test",
     "core/view/footprint_kernel.h": "inside of view_test",
     "core/store/shard_format.h": "constants; inside of shard_reader_test",

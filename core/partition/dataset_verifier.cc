@@ -271,6 +271,7 @@ class Verifier {
     report_.block_count += reader.block_count();
     ISOSCOPE_RETURN_IF_ERROR(VerifyBlocks(reader));
     IsDamaged(reader.ReadHistogram().status());
+    IsDamaged(reader.VerifySpans());
     return VerifyTree(absl::StrCat(reader.directory(), "/", store::kIntervalTreeFileName), reader);
   }
 

@@ -9,11 +9,14 @@
 #include <optional>
 #include <vector>
 
+#include "absl/types/span.h"
+
 #include "core/math/vec.h"
 #include "core/view/view.h"
 #include "core/visibility/ray_kernel.h"
 #include "core/volume/block_layout.h"
-#include "core/volume/range_table.h"
+#include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 
 namespace isoscope::visibility {
 
@@ -24,11 +27,14 @@ struct Ray {
 };
 
 // The rays of a frame, with ray indices 0 .. count() - 1 in spatially coherent order: first those
-// through the centres of all boundary faces of all boundary blocks, then those through random
-// points of the image plane. A ray is a pure function of (view, layout, seed, ray index): it does
+// through the centres of the boundary faces of boundary blocks, then those through random points of
+// the image plane. A ray is a pure function of (view, layout, seed, ray index): it does
 // not depend on the agent that casts it. Immutable; thread-safe. O(1) to make.
 class RaySet {
  public:
+  // All boundary faces have a ray up to about 262144 of them (209^3 blocks). Beyond, every n-th row
+  // and column of each side has.
+  //
   // Random rays go through the cells of a grid over the picture, one through each: about one for
   // every 8 x 8 pixels, at least about 1024 and at most about 65536. A region of a viewport has at
   // most about one for every pixel, and only rays that meet it: they choose the blocks that may
@@ -49,6 +55,10 @@ class RaySet {
   // Source: Amanatides and Woo 1987 (references.bib: amanatides-woo).
   void Cast(std::int64_t begin, std::int64_t end, const volume::BlockSet& active,
             volume::BlockSet* hits) const;
+  // Finds the same hits, and marks them in `hits`, which has the shape of active.words(). Rays cross
+  // empty cubes at once.
+  void Cast(std::int64_t begin, std::int64_t end, const volume::BlockTree& active,
+            absl::Span<std::uint64_t> hits) const;
 
  private:
   // Rays of successive indices in one row, as columns from left to right.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <utility>
 
@@ -28,31 +29,43 @@ constexpr std::int64_t kPageCacheBytes = 4 * base::kMiB;
 // fewest among this many is made.
 constexpr std::int64_t kCandidateCount = 8;
 
+// Returns how much a query finds: blocks of the shard, or, of a span_tree.bin, pages of the volume.
+// Counts no further than `enough`.
+std::int64_t CountFound(const store::ShardReader& reader, double isovalue, std::int64_t enough) {
+  if (reader.has_span_tree()) {
+    return reader.CountActivePages(isovalue);
+  }
+  const volume::RangeTable& ranges = reader.ranges();
+  std::int64_t found = 0;
+  for (std::uint32_t other = 0; other < reader.block_count() && found < enough; ++other) {
+    found += volume::IsActive(ranges.Get(reader.block_id(other)), isovalue) ? 1 : 0;
+  }
+  return found;
+}
+
 // Returns a block to ask the tree for. The candidates are the first block of the shard, and some
 // others that lie far apart, that an isovalue finds. The one whose greatest value finds the fewest
-// blocks is taken. Not set: no isovalue finds any block. O(blocks), in memory.
-std::optional<std::uint32_t> BlockToAskFor(const store::ShardReader& reader) {
+// blocks is taken. Not set: no isovalue finds any block. O(blocks), in memory. Errors are those of
+// ShardReader::SpanOf.
+absl::StatusOr<std::optional<std::uint32_t>> BlockToAskFor(const store::ShardReader& reader) {
   std::optional<std::uint32_t> best;
-  std::int64_t fewest = 0;
+  std::int64_t fewest = std::numeric_limits<std::int64_t>::max();
   const std::int64_t count = reader.block_count();
   const auto span_of = [&](std::int64_t ordinal) {
-    return reader.ranges().Get(reader.block_id(static_cast<std::uint32_t>(ordinal)));
+    return reader.SpanOf(reader.block_id(static_cast<std::uint32_t>(ordinal)));
   };
   const std::int64_t step = std::max<std::int64_t>(count / kCandidateCount, 1);
   std::int64_t begin = 0;
   while (begin < count) {
     std::int64_t ordinal = begin;
-    volume::ScalarSpan span = span_of(ordinal);
+    ISOSCOPE_ASSIGN_OR_RETURN(volume::ScalarSpan span, span_of(ordinal));
     while (ordinal + 1 < count && (!std::isfinite(span.max) || !volume::IsActive(span, span.max))) {
-      span = span_of(++ordinal);
+      ISOSCOPE_ASSIGN_OR_RETURN(span, span_of(++ordinal));
     }
     if (!std::isfinite(span.max) || !volume::IsActive(span, span.max)) {
       break;  // nor does any behind it
     }
-    std::int64_t found = 0;
-    for (std::int64_t other = 0; other < count && (!best.has_value() || found < fewest); ++other) {
-      found += volume::IsActive(span_of(other), span.max) ? 1 : 0;
-    }
+    const std::int64_t found = CountFound(reader, span.max, fewest);
     if (!best.has_value() || found < fewest) {
       best = static_cast<std::uint32_t>(ordinal);
       fewest = found;
@@ -67,11 +80,12 @@ std::optional<std::uint32_t> BlockToAskFor(const store::ShardReader& reader) {
 // do not have these ordinals, and lacks those that do.
 absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_path) {
   const store::ShardReader& reader = *shard.reader;
-  const std::optional<std::uint32_t> ordinal = BlockToAskFor(reader);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<std::uint32_t> ordinal, BlockToAskFor(reader));
   if (!ordinal.has_value()) {
     return absl::OkStatus();
   }
-  const volume::ScalarSpan span = reader.ranges().Get(reader.block_id(*ordinal));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan span,
+                            reader.SpanOf(reader.block_id(*ordinal)));
   ISOSCOPE_ASSIGN_OR_RETURN(const index::QueryResult result, shard.tree->Query(span.max));
   bool has_block = false;
   for (const index::BlockInterval& interval : result.active) {

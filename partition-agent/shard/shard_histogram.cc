@@ -132,7 +132,8 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
     const store::ShardReader& reader = *shard->reader;
     for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
       const volume::BlockId id = reader.block_id(ordinal);
-      sums.Add(reader.ranges().Get(id), reader.stored_bytes(ordinal),
+      ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan span, reader.SpanOf(id));
+      sums.Add(span, reader.stored_bytes(ordinal),
                volume::EstimateTriangles(reader.layout().CellsOf(id).dims()));
     }
   }
@@ -140,15 +141,11 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
   return part;
 }
 
-ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<volume::InsideRule>& rules, const view::Clipper& clipper) {
-  volume::BlockSet active(layout.block_count());
-  for (const volume::InsideRule& rule : rules) {
-    active.UnionWith(ranges.ActiveBlocks(rule));
-  }
-  clipper.EraseOutside(layout, &active);
+namespace {
+
+ActiveBox BoxAround(const volume::BlockLayout& layout, const std::vector<volume::BlockId>& ids) {
   ActiveBox box;
-  for (const volume::BlockId id : active.Ids()) {
+  for (const volume::BlockId id : ids) {
     const math::IndexBox cells = layout.CellsOf(id);
     for (int axis = 0; axis < 3; ++axis) {
       box.cells.begin[axis] = box.block_count == 0
@@ -159,6 +156,39 @@ ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTabl
     ++box.block_count;
   }
   return box;
+}
+
+}  // namespace
+
+ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
+                      const std::vector<volume::InsideRule>& rules, const view::Clipper& clipper) {
+  volume::BlockSet active(layout.block_count());
+  for (const volume::InsideRule& rule : rules) {
+    active.UnionWith(ranges.ActiveBlocks(rule));
+  }
+  clipper.EraseOutside(layout, &active);
+  return BoxAround(layout, active.Ids());
+}
+
+absl::StatusOr<ActiveBox> ActiveBoxOf(const store::ShardReader& reader,
+                                      const std::vector<volume::InsideRule>& rules,
+                                      const view::Clipper& clipper, std::int64_t max_dense_blocks) {
+  const volume::BlockLayout& layout = reader.layout();
+  if (layout.block_count() <= max_dense_blocks) {
+    return ActiveBoxOf(layout, reader.ranges(), rules, clipper);
+  }
+  volume::BlockTree active(layout.block_dims(), absl::Span<const volume::BlockTree::Brick>());
+  for (const volume::InsideRule& rule : rules) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> tree,
+                              reader.ActiveTree(rule));
+    active = volume::BlockTree::Union({&active, tree.get()});
+  }
+  if (!clipper.empty()) {
+    active = active.Filtered([&](const math::Index3& index) {
+      return clipper.SideOf(layout, layout.IdOf(index)) != view::Clipper::Side::kOutside;
+    });
+  }
+  return BoxAround(layout, active.Ids());
 }
 
 }  // namespace isoscope::agent

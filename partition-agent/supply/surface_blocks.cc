@@ -3,7 +3,7 @@
 //   1. The list of active blocks may be in the cache, from an earlier frame.
 //   2. For an isovalue, the interval tree is queried. The blocks come in any order; the rank of an
 //      id in the set of all is its index in the list, which is cheaper than sorting.
-//   3. For labels, the range table in memory is scanned once.
+//   3. For labels, the range table says which blocks are active.
 //
 // Invariant: a list is ascending by block id, and its ordinals agree with the block index.
 
@@ -49,16 +49,29 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
   return active;
 }
 
-// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
-// range table, which is in memory, has them all in one pass.
-ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
-  const store::ShardReader& reader = *shard.reader;
-  const std::shared_ptr<const volume::BlockSet> volume_blocks = reader.ActiveBlocks(rule);
-  auto active = std::make_shared<std::vector<ActiveBlock>>();
+// Returns the blocks of a shard that are in `volume_blocks`, in any order.
+template <typename Blocks>
+std::vector<ActiveBlock> MembersOf(const store::ShardReader& reader, const Blocks& volume_blocks) {
+  std::vector<ActiveBlock> members;
   for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-    if (volume_blocks->Contains(reader.block_id(ordinal))) {
-      active->push_back({reader.block_id(ordinal), ordinal});
+    if (volume_blocks.Contains(reader.block_id(ordinal))) {
+      members.push_back({reader.block_id(ordinal), ordinal});
     }
+  }
+  return members;
+}
+
+// A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
+// range table has them all: in one pass, or by its octree if it is large.
+absl::StatusOr<ActiveList> BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
+  const store::ShardReader& reader = *shard.reader;
+  auto active = std::make_shared<std::vector<ActiveBlock>>();
+  if (reader.layout().block_count() > volume::kMaxDenseBlocks) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> volume_blocks,
+                              reader.ActiveTree(rule));
+    *active = MembersOf(reader, *volume_blocks);
+  } else {
+    *active = MembersOf(reader, *reader.ActiveBlocks(rule));
   }
   std::sort(active->begin(), active->end(),
             [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
@@ -93,7 +106,7 @@ absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards,
       if (active == nullptr) {
         ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
         if (rule.has_labels()) {
-          active = BlocksOfLabels(*shard, rule);
+          ISOSCOPE_ASSIGN_OR_RETURN(active, BlocksOfLabels(*shard, rule));
         } else {
           ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard, rule.isovalue, cost));
         }

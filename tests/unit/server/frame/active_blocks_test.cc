@@ -1,5 +1,6 @@
 #include "server/frame/active_blocks.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -26,21 +27,43 @@ std::string KeyOf(const std::string& id, const ShardsByAgent& shards, double iso
   return ActiveBlocksCache::KeyOf(id, /*level=*/0, shards, {{.isovalue = isovalue}});
 }
 
+// A row of blocks.
+volume::BlockLayout LayoutOf(std::int64_t block_count) {
+  return *volume::BlockLayout::Make({block_count + 1, 2, 2}, {1, 1, 1});
+}
+
 // The first `count` blocks of a small volume, all of one agent.
 std::shared_ptr<const ActiveBlocks> Blocks(std::size_t count) {
   std::vector<volume::BlockId> ids(count);
   std::iota(ids.begin(), ids.end(), 0U);
-  return std::make_shared<const ActiveBlocks>(std::vector<std::vector<volume::BlockId>>{ids},
-                                              static_cast<std::int64_t>(count));
+  return std::make_shared<const ActiveBlocks>(
+      std::vector<std::vector<volume::BlockId>>{ids},
+      LayoutOf(std::max<std::int64_t>(1, static_cast<std::int64_t>(count))));
 }
 
 constexpr std::size_t kBlockBytes = sizeof(volume::BlockId);
 
 TEST(ActiveBlocksTest, AgentsFollowOneAnotherAndTheSetHasAll) {
-  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, 10);
+  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, LayoutOf(10));
   EXPECT_THAT(active.ids, ElementsAre(1, 4, 0, 9));
   EXPECT_THAT(active.begin_by_agent, ElementsAre(0, 2, 2, 4));
   EXPECT_THAT(active.set.Ids(), ElementsAre(0, 1, 4, 9));
+}
+
+TEST(ActiveBlocksTest, ALargeVolumeHasATreeOfTheSameBlocks) {
+  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, LayoutOf(10), /*max_dense_blocks=*/9);
+  EXPECT_THAT(active.ids, ElementsAre(1, 4, 0, 9));
+  EXPECT_THAT(active.begin_by_agent, ElementsAre(0, 2, 2, 4));
+  ASSERT_NE(active.tree, nullptr);
+  EXPECT_THAT(active.tree->blocks.Ids(), ElementsAre(0, 1, 4, 9));
+  // Blocks that are not active are left out.
+  const std::vector<std::uint64_t> marks = active.tree->MarksOf({4, 3, 9, 7, 4});
+  std::vector<bool> is_marked;
+  for (std::size_t i = 0; i < active.ids.size(); ++i) {
+    is_marked.push_back(active.tree->IsMarked(marks, i));
+  }
+  EXPECT_THAT(is_marked, ElementsAre(false, true, false, true));
+  EXPECT_EQ(ActiveBlocks({{1}}, LayoutOf(10), /*max_dense_blocks=*/10).tree, nullptr);
 }
 
 TEST(ActiveBlocksCacheTest, EverythingThatDecidesTheListsIsInTheKey) {
