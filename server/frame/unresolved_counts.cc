@@ -8,8 +8,7 @@ namespace isoscope::server {
 
 std::string UnresolvedCounts::KeyOf(const std::string& dataset_id, const volume::InsideRule& rule,
                                     int level) {
-  return absl::StrCat(level, ":",
-                      ActiveBlocksCache::KeyOf(dataset_id, /*shard_indices_by_agent=*/{}, {rule}));
+  return ActiveBlocksCache::KeyOf(dataset_id, level, /*shard_indices_by_agent=*/{}, {rule});
 }
 
 std::optional<std::int64_t> UnresolvedCounts::Find(const std::string& key) {

@@ -347,8 +347,8 @@ absl::StatusOr<server::FrameResult> LocalCluster::RenderShards(
   for (const std::shared_ptr<const agent::Shard>& shard : shards) {
     shard_indices.push_back({shard->reader->shard_index()});
   }
-  const std::string active_key =
-      server::ActiveBlocksCache::KeyOf(manifest.dataset_id, shard_indices, frame::RulesOf(spec));
+  const std::string active_key = server::ActiveBlocksCache::KeyOf(
+      manifest.dataset_id, spec.level, shard_indices, frame::RulesOf(spec));
   server::FrameSetup setup;
   setup.spec = &spec;
   setup.view = &view;
