@@ -1,7 +1,5 @@
 #include "server/frame/unresolved_counts.h"
 
-#include "absl/strings/str_cat.h"
-
 #include "server/frame/active_blocks.h"
 
 namespace isoscope::server {
