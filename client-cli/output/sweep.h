@@ -17,7 +17,8 @@
 namespace isoscope::cli {
 
 // UsageError if the flags do not fit each other, a step beside that of `selection`, or the name of
-// the output (CheckFrameName): a sweep of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
+// the output (CheckFrameName): a sweep of isovalues needs a name with a number in it, or that of an
+// animation; --fps needs an animation.
 absl::Status CheckUsage(const client::SweepFlags& flags, const client::SelectionFlags& selection,
                         const std::string& output);
 

@@ -1,5 +1,7 @@
 #include "core/base/large_pages.h"
 
+#include <unistd.h>
+
 #include <cstdint>
 
 #include <sys/mman.h>
@@ -9,10 +11,10 @@
 namespace isoscope::base {
 namespace {
 
-constexpr std::size_t kSmallPageBytes = 4096;  // or a part of one, to which the kernel rounds up
-
+// Some kernels of arm64 have pages of 64 KiB, and unmap nothing that begins within one.
 std::size_t WholePages(std::size_t bytes) {
-  return (bytes + kSmallPageBytes - 1) / kSmallPageBytes * kSmallPageBytes;
+  static const auto page_bytes = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  return (bytes + page_bytes - 1) / page_bytes * page_bytes;
 }
 
 }  // namespace

@@ -84,8 +84,8 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
   ISOSCOPE_ASSIGN_OR_RETURN(BandGrid bands, FirstPlan(picture, target, &needs));
   for (bool was_refused = false;; was_refused = true) {
     StartAgain(output);
-    const absl::Status status = bands.count() == 1 ? RenderAtOnce(target, on_drawn, output)
-                                                   : RenderBands(target, bands, on_drawn, output);
+    absl::Status status = bands.count() == 1 ? RenderAtOnce(target, on_drawn, output)
+                                             : RenderBands(target, bands, on_drawn, output);
     if (status.ok() && depth_grid_builder_.has_value()) {
       depth_grid_ = depth_grid_builder_->Make();
     }
@@ -123,7 +123,7 @@ absl::Status PictureJob::FindRanges(const FrameTarget& target) {
       frame.bands.push_back(bands.At(i));
     }
     AskedFrame resolved = asked_;
-    const absl::Status status = ResolveRanges(frame, &resolved);
+    absl::Status status = ResolveRanges(frame, &resolved);
     if (status.ok()) {
       if (was_refused) {
         NoteRoom(target, needs);
@@ -154,7 +154,7 @@ absl::StatusOr<BandGrid> PictureJob::SmallerPlan(const Drawing& drawing, const F
     return NamedForSmallestBand(error, drawing.spec, bands);
   }
   needs->max_drawn_pixels = std::max(refused / 2, least);
-  const absl::StatusOr<BandGrid> smaller = Plan(drawing, *needs);
+  absl::StatusOr<BandGrid> smaller = Plan(drawing, *needs);
   if (!smaller.ok()) {
     return NamedForSmallestBand(error, drawing.spec, bands);
   }
