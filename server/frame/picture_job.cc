@@ -227,10 +227,10 @@ void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
     response->set_time(*target.selected.time);
   }
   *response->mutable_statistics() = ToProto(cost_);
-  response->mutable_statistics()->set_level(static_cast<std::uint32_t>(target.level));
+  response->mutable_statistics()->set_level(target.level);
   if (asked_.level.has_value()) {
     v1::DrawnLevel* const drawn = response->mutable_drawn_level();
-    drawn->set_level(static_cast<std::uint32_t>(target.level));
+    drawn->set_level(target.level);
     drawn->set_max_spacing_px(target.spacing_px);
     *drawn->mutable_spacing() = wire::ToProto(view::WorldSpacing(target.view.geometry()));
   }
