@@ -183,7 +183,7 @@ class BandsTest : public ::testing::Test {
     cut.mutable_caps()->mutable_range()->Clear();
     cut.mutable_caps()->mutable_range()->set_source(v1::ColorRange::SOURCE_VISIBLE);
     add("cut of what is visible", cut);
-    v1::RenderIsosurfaceRequest planes = RequestOf(900, 760);
+    v1::RenderIsosurfaceRequest planes = RequestOf(840, 720);
     planes.mutable_output()->set_depth(true);
     planes.mutable_output()->set_surface_index(true);
     planes.mutable_output()->set_position(true);

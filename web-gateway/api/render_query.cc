@@ -376,7 +376,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(client::MeshFormat format,
   mesh.request = client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip,
                                            dataset.name(), flags.label);
   mesh.request.set_with_origin(true);
-  mesh.request.set_level(static_cast<std::uint32_t>(flags.level.value_or(0)));
+  mesh.request.set_level(static_cast<std::int32_t>(flags.level.value_or(0)));
   if (const auto proto = ToProto(flags.selection); proto) {
     *mesh.request.mutable_selection() = *proto;
   }
