@@ -2,13 +2,10 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "core/base/check.h"
-#include "core/base/coding.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/volume/scalar_type.h"
@@ -49,19 +46,11 @@ Pool& SharedPool() {
 
 // A table whose spans hold every value of the type.
 volume::RangeTable WidestTable(volume::ScalarType type, std::int64_t block_count) {
-  std::string bytes;
-  volume::VisitScalarType(type, [&]<typename T>() {
-    for (std::int64_t id = 0; id < block_count; ++id) {
-      if constexpr (std::is_floating_point_v<T>) {
-        base::AppendLittleEndian(-std::numeric_limits<T>::infinity(), &bytes);
-        base::AppendLittleEndian(std::numeric_limits<T>::infinity(), &bytes);
-      } else {
-        base::AppendLittleEndian(std::numeric_limits<T>::lowest(), &bytes);
-        base::AppendLittleEndian(std::numeric_limits<T>::max(), &bytes);
-      }
-    }
-  });
-  return volume::RangeTable::FromBytes(type, block_count, std::move(bytes));
+  volume::RangeTable table(type, block_count);
+  for (std::int64_t id = 0; id < block_count; ++id) {
+    table.Set(static_cast<volume::BlockId>(id), volume::WidestSpan(type));
+  }
+  return table;
 }
 
 }  // namespace

@@ -19,6 +19,7 @@
 #include "core/base/mutex.h"
 #include "core/math/vec.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
@@ -58,6 +59,10 @@ class VolumeRanges {
   [[nodiscard]] const volume::RangeTable& table() const ABSL_LOCKS_EXCLUDED(table_mutex_);
   // True if table() would read, or has read, the table.
   [[nodiscard]] bool is_in_file() const { return load_table_ != nullptr; }
+  // Returns the spans of single blocks, without reading the table. This must outlive them.
+  [[nodiscard]] volume::BlockSpans Spans() const {
+    return is_in_file() ? volume::BlockSpans(*file_octree_) : volume::BlockSpans(table_);
+  }
   // Returns the span of a block, without reading the table. Errors are those of a page.
   [[nodiscard]] absl::StatusOr<volume::ScalarSpan> SpanOf(volume::BlockId id) const;
   // Returns the number of pages whose span an isovalue meets. REQUIRES: is_in_file().
