@@ -118,6 +118,8 @@ TEST(VolumeRangesTest, TheTableOfAFileIsReadOnceAndOnlyIfItIsAskedFor) {
   EXPECT_EQ(active->ToSet(), table.ActiveBlocks(60));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::ScalarSpan span, ranges->SpanOf(77));
   EXPECT_EQ(span, table.Get(77));
+  volume::BlockSpans spans = ranges->Spans();
+  EXPECT_EQ(spans.Get(77), table.Get(77));
   EXPECT_EQ(load_count, 0);
   EXPECT_EQ(ranges->table(), table);
   EXPECT_EQ(*ranges->ActiveBlocks({.isovalue = 60}), table.ActiveBlocks(60));
