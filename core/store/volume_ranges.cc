@@ -34,6 +34,17 @@ class Pool {
     return ranges;
   }
 
+  // Calls fn with each that is in use.
+  template <typename Fn>
+  void ForEach(const Fn& fn) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    for (const std::weak_ptr<VolumeRanges>& weak : shared_) {
+      if (const std::shared_ptr<VolumeRanges> ranges = weak.lock(); ranges != nullptr) {
+        fn(*ranges);
+      }
+    }
+  }
+
  private:
   base::Mutex mutex_;
   std::vector<std::weak_ptr<VolumeRanges>> shared_ ABSL_GUARDED_BY(mutex_);  // a few
@@ -71,6 +82,21 @@ std::shared_ptr<VolumeRanges> VolumeRanges::Share(const std::string& key, volume
                               return std::make_shared<VolumeRanges>(key, std::move(octree),
                                                                     std::move(load_table));
                             });
+}
+
+std::size_t VolumeRanges::LaterBytes() {
+  std::size_t bytes = 0;
+  SharedPool().ForEach([&](const VolumeRanges& ranges) { bytes += ranges.later_bytes(); });
+  return bytes;
+}
+
+std::size_t VolumeRanges::later_bytes() const {
+  if (math::Volume(block_dims_) <= volume::kMaxDenseBlocks) {
+    return 0;
+  }
+  // At most 16 bytes for each brick of 64 blocks (volume::BlockTree).
+  const std::size_t largest_tree = static_cast<std::size_t>(math::Volume(block_dims_)) / 4;
+  return std::max(kMaxTreeBytes, largest_tree) + (is_in_file() ? file_octree_->size_bytes() : 0);
 }
 
 VolumeRanges::VolumeRanges(std::string key, volume::SpanOctree octree, LoadTable load_table)

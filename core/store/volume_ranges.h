@@ -45,6 +45,10 @@ class VolumeRanges {
   static std::shared_ptr<VolumeRanges> Share(const std::string& key, volume::SpanOctree octree,
                                              LoadTable load_table);
 
+  // Returns the bytes that the ranges of this process may take later, beside what they hold once
+  // they are open: trees and pages of volumes with more than volume::kMaxDenseBlocks blocks.
+  static std::size_t LaterBytes();
+
   VolumeRanges(const math::Index3& block_dims, volume::RangeTable table)
       : table_(std::move(table)), block_dims_(block_dims) {}
   VolumeRanges(std::string key, volume::SpanOctree octree, LoadTable load_table);
@@ -97,6 +101,7 @@ class VolumeRanges {
     std::shared_ptr<const volume::BlockTree> active;
   };
 
+  [[nodiscard]] std::size_t later_bytes() const;
   // Returns the octree; builds it if there is none.
   const volume::SpanOctree& Octree() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
