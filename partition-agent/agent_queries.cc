@@ -85,6 +85,16 @@ absl::StatusOr<std::vector<volume::InsideRule>> RulesOf(const Request& request) 
   return rules;
 }
 
+// The active blocks as a tree: a large volume keeps it, that of another is made of its set.
+absl::StatusOr<std::shared_ptr<const volume::BlockTree>> ActiveTreeOf(
+    const store::ShardReader& reader, const volume::InsideRule& rule) {
+  const volume::BlockLayout& layout = reader.layout();
+  if (layout.block_count() > volume::kMaxDenseBlocks) {
+    return reader.ActiveTree(rule);
+  }
+  return std::make_shared<const volume::BlockTree>(layout.block_dims(), *reader.ActiveBlocks(rule));
+}
+
 // Adds the labels, and the values of scalar volumes, that a request asks for.
 absl::Status AddValues(const ShardSet& shards, const v1::GetGradientsRequest& request,
                        const Shards& found, const std::vector<math::Vec3d>& points,
@@ -276,7 +286,7 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
                             shards.FindLevel(request.dataset_id(), request.shard_indices(), level));
   const store::ShardReader& reader = *fine.shards.front()->reader;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> active,
-                            reader.ActiveTree(rule));
+                            ActiveTreeOf(reader, rule));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<volume::BlockId> resolved,
       BlocksResolvedBy(coarse.shards, frame::InStoredValues(rule, coarse.value_scale),

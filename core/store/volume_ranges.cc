@@ -176,9 +176,11 @@ absl::StatusOr<std::shared_ptr<const volume::BlockTree>> VolumeRanges::ActiveTre
   auto active = std::make_shared<const volume::BlockTree>(std::move(tree));
   trees_.push_front({rule, active});
   std::size_t bytes = 0;
+  std::size_t count = 0;
   for (auto entry = trees_.begin(); entry != trees_.end(); ++entry) {
     bytes += entry->active->size_bytes();
-    if (bytes > kMaxTreeBytes && entry != trees_.begin()) {
+    ++count;
+    if ((bytes > kMaxTreeBytes || count > kMaxSets) && entry != trees_.begin()) {
       trees_.erase(entry, trees_.end());
       break;
     }

@@ -81,8 +81,8 @@ class VolumeRanges {
       ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Returns the same as a tree, found by an octree of spans: that of the file, or one that is built at
-  // the first call. Keeps the trees of the last rules: one, and more that take at most kMaxTreeBytes
-  // together. Errors are those of pages of a file.
+  // the first call. Keeps the trees of the last rules: one, and up to kMaxSets that take at most
+  // kMaxTreeBytes together. Errors are those of pages of a file.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const volume::BlockTree>> ActiveTree(
       const volume::InsideRule& rule) ABSL_LOCKS_EXCLUDED(mutex_);
 
