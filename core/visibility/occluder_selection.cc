@@ -14,8 +14,8 @@
 // columns count along y and rows along z. A viewport of 1024 x 1024 pixels has 128 x 128 = 16384
 // rays more, from 52 on.
 //
-// A volume with more than RaySet::kMaxFaceRays boundary faces has rays through every second, third, ... row
-// and column of them: any set of occluders gives the same picture.
+// A volume with more than RaySet::kMaxFaceRays boundary faces has rays through every second, third,
+// ... row and column of them: any set of occluders gives the same picture.
 //
 // An agent casts a contiguous share. The union of all hits does not depend on the shares, because a
 // ray is a function of its index. Hits and their active 26-neighbours occlude: a surface that a ray
