@@ -33,6 +33,7 @@
 #include "core/render/clip_caps.h"
 #include "core/render/cpu_renderer.h"
 #include "core/visibility/occluder_selection.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/range_table.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/draws.h"
