@@ -16,6 +16,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -82,6 +83,16 @@ absl::StatusOr<std::vector<volume::InsideRule>> RulesOf(const Request& request) 
                               absl::StrCat("label_sets[", i, "].labels")));
   }
   return rules;
+}
+
+// The active blocks as a tree: a large volume keeps it, that of another is made of its set.
+absl::StatusOr<std::shared_ptr<const volume::BlockTree>> ActiveTreeOf(
+    const store::ShardReader& reader, const volume::InsideRule& rule) {
+  const volume::BlockLayout& layout = reader.layout();
+  if (layout.block_count() > volume::kMaxDenseBlocks) {
+    return reader.ActiveTree(rule);
+  }
+  return std::make_shared<const volume::BlockTree>(layout.block_dims(), *reader.ActiveBlocks(rule));
 }
 
 // Adds the labels, and the values of scalar volumes, that a request asks for.
@@ -253,8 +264,8 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
                                              reader.manifest().geometry, query.spec.region));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const visibility::DepthBounds bounds,
-      BoundsOfPart(reader.layout(), reader.ranges(), view, query.spec,
-                   {query.part_index, query.part_count}, resources.arena, cancellation));
+      BoundsOfPart(reader, view, query.spec, {query.part_index, query.part_count}, resources.arena,
+                   cancellation));
   *response = wire::ToProto(bounds);
   return absl::OkStatus();
 }
@@ -274,14 +285,15 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
   ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards coarse,
                             shards.FindLevel(request.dataset_id(), request.shard_indices(), level));
   const store::ShardReader& reader = *fine.shards.front()->reader;
-  const volume::BlockSet active = reader.ranges().ActiveBlocks(rule);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> active,
+                            ActiveTreeOf(reader, rule));
   ISOSCOPE_ASSIGN_OR_RETURN(
-      const volume::BlockSet resolved,
+      const std::vector<volume::BlockId> resolved,
       BlocksResolvedBy(coarse.shards, frame::InStoredValues(rule, coarse.value_scale),
-                       {.fine = &reader.layout(), .fine_active = &active, .level = level},
+                       {.fine = &reader.layout(), .fine_active = active.get(), .level = level},
                        resources, cancellation));
-  *response->mutable_blocks() = wire::ToProto(resolved.Ids());
-  response->set_active_block_count(active.Count());
+  *response->mutable_blocks() = wire::ToProto(resolved);
+  response->set_active_block_count(active->count());
   return absl::OkStatus();
 }
 

@@ -105,6 +105,10 @@ absl::Status CheckLevelUsage(const PartitionFlags& flags) {
     return UsageError(absl::StrCat(given, " can't be used with ", action,
                                    "; the dataset stays as it is otherwise"));
   }
+  if (flags.add_levels && flags.levels.highest == 0) {
+    return UsageError(
+        "--levels none can't be used with --add-levels DIR; --drop-levels removes levels");
+  }
   if (flags.drop_levels && (flags.levels.FirstGiven() != nullptr || flags.compression)) {
     return UsageError(
         absl::StrCat(flags.compression ? "--compression" : flags.levels.FirstGiven(),

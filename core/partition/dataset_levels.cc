@@ -119,7 +119,8 @@ class LevelAdder {
     for (const std::string& shard : shards) {
       ISOSCOPE_RETURN_IF_ERROR(RemoveEntries(shard, IsPartialManifest));
     }
-    if (HaveAll(*samples)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool have_all, HaveAll(*samples));
+    if (have_all) {
       ISOSCOPE_RETURN_IF_ERROR(CheckWanted(manifest, levels));
       return manifest;
     }
@@ -139,13 +140,23 @@ class LevelAdder {
   }
 
  private:
-  // Whether the manifests of all shards name the same levels, and these are there.
-  static bool HaveAll(const StoredSamples& samples) {
-    return samples.manifest().highest_level() > 0 &&
-           std::all_of(samples.shards().begin(), samples.shards().end(), [&](const auto& shard) {
-             return shard->manifest() == samples.manifest() &&
-                    store::MissingLevels(shard->directory(), shard->manifest()).empty();
-           });
+  // Whether the manifests of all shards name the same levels, and these are there and whole, as far
+  // as opening tells: blocks are not read. Errors that making levels anew can't mend are returned.
+  static absl::StatusOr<bool> HaveAll(const StoredSamples& samples) {
+    const store::Manifest& manifest = samples.manifest();
+    for (const std::unique_ptr<store::ShardReader>& shard : samples.shards()) {
+      if (shard->manifest() != manifest) {
+        return false;
+      }
+      for (int level = 1; level <= manifest.highest_level(); ++level) {
+        const absl::Status status = store::OpenLevelOf(*shard, level).status();
+        if (absl::IsNotFound(status) || absl::IsDataLoss(status)) {
+          return false;
+        }
+        ISOSCOPE_RETURN_IF_ERROR(status);
+      }
+    }
+    return manifest.highest_level() > 0;
   }
 
   [[nodiscard]] absl::Status CheckWanted(const store::Manifest& manifest,
@@ -253,6 +264,7 @@ absl::StatusOr<int> AddToVolume(const std::string& directory, const AddLevelsOpt
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> shards,
                             AllShards(directory, std::move(dataset.shard_directories)));
   ISOSCOPE_RETURN_IF_ERROR(ReadManifest(directory).status());
+  dataset.ranges = volume::RangeTable();  // the shards have their own
   LevelAdder adder(options, folder.path(), cancellation);
   ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
                             adder.Add(shards, !dataset.manifest.labels.empty()));

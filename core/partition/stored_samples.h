@@ -32,7 +32,8 @@ class StoredSamples {
   static std::int64_t MemoryBytes(const volume::BlockLayout& layout, volume::ScalarType type);
 
   // Visits all portions of a plan, each with the samples that its blocks store. Each block is read
-  // once, and verified. DATA_LOSS names the block. An error of `visit` is returned at once.
+  // once, and verified, on several threads; `visit` is called by this one. DATA_LOSS names the block.
+  // An error of `visit` is returned at once.
   absl::Status ForEachPortion(const PartitionPlan& plan,
                               absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit,
                               const base::Cancellation& cancellation);

@@ -47,7 +47,13 @@ absl::StatusOr<int> ReadVersion(const Json& json, absl::string_view where, absl:
     }
   }
   ISOSCOPE_RETURN_IF_ERROR(fields.status());
-  if (absl::string_view(stated_kind) != kind) {
+  const absl::string_view stated = stated_kind;
+  if (stated != kVolumeKind && stated != kSeriesKind) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(where, ": a dataset of kind \"", stated,
+                     "\", which this program does not know; use a newer program"));
+  }
+  if (stated != kind) {
     return absl::FailedPreconditionError(
         absl::StrCat(where, ": format version ", version, ", ",
                      kind == kSeriesKind ? "a dataset of one field and step, no series"

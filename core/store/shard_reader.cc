@@ -145,8 +145,9 @@ absl::Status ShardReader::OpenRanges(const OpenFile& open_file) {
       absl::StrFormat("%s/%08x/%dx%dx%d", manifest_.dataset_id, manifest_.range_table_crc32c,
                       layout_.block_dims().x, layout_.block_dims().y, layout_.block_dims().z),
       std::move(octree),
-      [directory = directory_, manifest = manifest_, layout = layout_, open_file] {
-        return ReadRangeTable(directory, manifest, layout, open_file);
+      // Later: what `open_file` refers to may be gone by then.
+      [directory = directory_, manifest = manifest_, layout = layout_] {
+        return ReadRangeTable(directory, manifest, layout, io::OpenRandomAccessFile);
       });
   return absl::OkStatus();
 }

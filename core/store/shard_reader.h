@@ -26,6 +26,7 @@
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
@@ -70,7 +71,8 @@ class ShardReader {
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
-  // The whole table: of a span_tree.bin it is read at the first call (VolumeRanges::table).
+  // The whole table: of a span_tree.bin it is read at the first call, and kept (VolumeRanges::table).
+  // Spans and ActiveTree do without.
   [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_->table(); }
   // As ranges().ActiveBlocks(rule), of all shards of the volume in this process.
   [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(
@@ -83,6 +85,9 @@ class ShardReader {
       const volume::InsideRule& rule) const {
     return ranges_->ActiveTree(rule);
   }
+  // Returns the spans of single blocks of the volume, of a span_tree.bin by its pages. This must
+  // outlive them.
+  [[nodiscard]] volume::BlockSpans Spans() const { return ranges_->Spans(); }
   // Returns the span of a block of the volume, without reading the table of a span_tree.bin.
   [[nodiscard]] absl::StatusOr<volume::ScalarSpan> SpanOf(volume::BlockId id) const {
     return ranges_->SpanOf(id);

@@ -2,13 +2,10 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "core/base/check.h"
-#include "core/base/coding.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/volume/scalar_type.h"
@@ -37,6 +34,17 @@ class Pool {
     return ranges;
   }
 
+  // Calls fn with each that is in use.
+  template <typename Fn>
+  void ForEach(const Fn& fn) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    for (const std::weak_ptr<VolumeRanges>& weak : shared_) {
+      if (const std::shared_ptr<VolumeRanges> ranges = weak.lock(); ranges != nullptr) {
+        fn(*ranges);
+      }
+    }
+  }
+
  private:
   base::Mutex mutex_;
   std::vector<std::weak_ptr<VolumeRanges>> shared_ ABSL_GUARDED_BY(mutex_);  // a few
@@ -49,19 +57,11 @@ Pool& SharedPool() {
 
 // A table whose spans hold every value of the type.
 volume::RangeTable WidestTable(volume::ScalarType type, std::int64_t block_count) {
-  std::string bytes;
-  volume::VisitScalarType(type, [&]<typename T>() {
-    for (std::int64_t id = 0; id < block_count; ++id) {
-      if constexpr (std::is_floating_point_v<T>) {
-        base::AppendLittleEndian(-std::numeric_limits<T>::infinity(), &bytes);
-        base::AppendLittleEndian(std::numeric_limits<T>::infinity(), &bytes);
-      } else {
-        base::AppendLittleEndian(std::numeric_limits<T>::lowest(), &bytes);
-        base::AppendLittleEndian(std::numeric_limits<T>::max(), &bytes);
-      }
-    }
-  });
-  return volume::RangeTable::FromBytes(type, block_count, std::move(bytes));
+  volume::RangeTable table(type, block_count);
+  for (std::int64_t id = 0; id < block_count; ++id) {
+    table.Set(static_cast<volume::BlockId>(id), volume::WidestSpan(type));
+  }
+  return table;
 }
 
 }  // namespace
@@ -82,6 +82,21 @@ std::shared_ptr<VolumeRanges> VolumeRanges::Share(const std::string& key, volume
                               return std::make_shared<VolumeRanges>(key, std::move(octree),
                                                                     std::move(load_table));
                             });
+}
+
+std::size_t VolumeRanges::LaterBytes() {
+  std::size_t bytes = 0;
+  SharedPool().ForEach([&](const VolumeRanges& ranges) { bytes += ranges.later_bytes(); });
+  return bytes;
+}
+
+std::size_t VolumeRanges::later_bytes() const {
+  if (math::Volume(block_dims_) <= volume::kMaxDenseBlocks) {
+    return 0;
+  }
+  // At most 16 bytes for each brick of 64 blocks (volume::BlockTree).
+  const std::size_t largest_tree = static_cast<std::size_t>(math::Volume(block_dims_)) / 4;
+  return std::max(kMaxTreeBytes, largest_tree) + (is_in_file() ? file_octree_->size_bytes() : 0);
 }
 
 VolumeRanges::VolumeRanges(std::string key, volume::SpanOctree octree, LoadTable load_table)
@@ -161,9 +176,11 @@ absl::StatusOr<std::shared_ptr<const volume::BlockTree>> VolumeRanges::ActiveTre
   auto active = std::make_shared<const volume::BlockTree>(std::move(tree));
   trees_.push_front({rule, active});
   std::size_t bytes = 0;
+  std::size_t count = 0;
   for (auto entry = trees_.begin(); entry != trees_.end(); ++entry) {
     bytes += entry->active->size_bytes();
-    if (bytes > kMaxTreeBytes && entry != trees_.begin()) {
+    ++count;
+    if ((bytes > kMaxTreeBytes || count > kMaxSets) && entry != trees_.begin()) {
       trees_.erase(entry, trees_.end());
       break;
     }

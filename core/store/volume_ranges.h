@@ -19,6 +19,7 @@
 #include "core/base/mutex.h"
 #include "core/math/vec.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
@@ -44,6 +45,10 @@ class VolumeRanges {
   static std::shared_ptr<VolumeRanges> Share(const std::string& key, volume::SpanOctree octree,
                                              LoadTable load_table);
 
+  // Returns the bytes that the ranges of this process may take later, beside what they hold once
+  // they are open: trees and pages of volumes with more than volume::kMaxDenseBlocks blocks.
+  static std::size_t LaterBytes();
+
   VolumeRanges(const math::Index3& block_dims, volume::RangeTable table)
       : table_(std::move(table)), block_dims_(block_dims) {}
   VolumeRanges(std::string key, volume::SpanOctree octree, LoadTable load_table);
@@ -58,6 +63,10 @@ class VolumeRanges {
   [[nodiscard]] const volume::RangeTable& table() const ABSL_LOCKS_EXCLUDED(table_mutex_);
   // True if table() would read, or has read, the table.
   [[nodiscard]] bool is_in_file() const { return load_table_ != nullptr; }
+  // Returns the spans of single blocks, without reading the table. This must outlive them.
+  [[nodiscard]] volume::BlockSpans Spans() const {
+    return is_in_file() ? volume::BlockSpans(*file_octree_) : volume::BlockSpans(table_);
+  }
   // Returns the span of a block, without reading the table. Errors are those of a page.
   [[nodiscard]] absl::StatusOr<volume::ScalarSpan> SpanOf(volume::BlockId id) const;
   // Returns the number of pages whose span an isovalue meets. REQUIRES: is_in_file().
@@ -72,8 +81,8 @@ class VolumeRanges {
       ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Returns the same as a tree, found by an octree of spans: that of the file, or one that is built at
-  // the first call. Keeps the trees of the last rules: one, and more that take at most kMaxTreeBytes
-  // together. Errors are those of pages of a file.
+  // the first call. Keeps the trees of the last rules: one, and up to kMaxSets that take at most
+  // kMaxTreeBytes together. Errors are those of pages of a file.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const volume::BlockTree>> ActiveTree(
       const volume::InsideRule& rule) ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -92,6 +101,7 @@ class VolumeRanges {
     std::shared_ptr<const volume::BlockTree> active;
   };
 
+  [[nodiscard]] std::size_t later_bytes() const;
   // Returns the octree; builds it if there is none.
   const volume::SpanOctree& Octree() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 

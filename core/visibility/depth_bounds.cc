@@ -14,7 +14,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <utility>
 
@@ -77,32 +76,6 @@ void FindSplats(const BoundedBlocks& of, std::span<const volume::BlockId> ids, c
   }
 }
 
-// Calls fn(ids) with some members at a time, ascending, until it returns false.
-template <typename Fn>
-void ForEachBatch(const BoundedBlocks& of, const Fn& fn) {
-  std::vector<volume::BlockId> ids;
-  ids.reserve(kBatchBlocks);
-  const absl::Span<const std::uint64_t> words = of.blocks->words();
-  for (std::size_t word = of.begin / 64; word < (std::size_t{of.end} + 63) / 64; ++word) {
-    for (std::uint64_t bits = words[word]; bits != 0; bits &= bits - 1) {
-      const auto id = static_cast<volume::BlockId>(
-          64 * word + static_cast<std::size_t>(std::countr_zero(bits)));
-      if (id >= of.begin && id < of.end) {
-        ids.push_back(id);
-      }
-    }
-    if (ids.size() > kBatchBlocks - 64) {
-      if (!fn(std::span<const volume::BlockId>(ids))) {
-        return;
-      }
-      ids.clear();
-    }
-  }
-  if (!ids.empty()) {
-    fn(std::span<const volume::BlockId>(ids));
-  }
-}
-
 bool CoversAll(const Splat& splat, const DepthBounds& bounds) {
   return splat.nearest == 0 && splat.farthest == 1 &&
          splat.rect == view::PixelRect{0, 0, bounds.width_px(), bounds.height_px()};
@@ -112,8 +85,6 @@ template <typename Drawn>
 void AddBlocks(const BoundedBlocks& of, const Drawn& drawn, DepthBounds* bounds) {
   ISOSCOPE_CHECK_EQ(bounds->width_px(), of.view->image_size().width_px);
   ISOSCOPE_CHECK_EQ(bounds->height_px(), of.view->image_size().height_px);
-  ISOSCOPE_CHECK_LE(of.begin, of.end);
-  ISOSCOPE_CHECK_LE(std::int64_t{of.end}, of.layout->block_count());
   std::vector<Splat> splats;
   const auto add = [&](std::span<const Splat> added) {
     tbb::parallel_for(tbb::blocked_range<int>(0, bounds->height_px(), kRowsPerTask),
@@ -124,7 +95,9 @@ void AddBlocks(const BoundedBlocks& of, const Drawn& drawn, DepthBounds* bounds)
                         }
                       });
   };
-  ForEachBatch(of, [&](std::span<const volume::BlockId> ids) {
+  for (std::size_t begin = 0; begin < of.ids.size(); begin += kBatchBlocks) {
+    const std::span<const volume::BlockId> ids =
+        of.ids.subspan(begin, std::min(kBatchBlocks, of.ids.size() - begin));
     // 1. Footprints and depths.
     splats.resize(ids.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kBlocksPerTask),
@@ -139,12 +112,11 @@ void AddBlocks(const BoundedBlocks& of, const Drawn& drawn, DepthBounds* bounds)
                                   [&](const Splat& splat) { return CoversAll(splat, *bounds); });
     if (all != splats.end()) {
       add(std::span<const Splat>(&*all, 1));
-      return false;
+      return;
     }
     // 2. Rows.
     add(splats);
-    return true;
-  });
+  }
 }
 
 }  // namespace

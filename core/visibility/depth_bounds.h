@@ -16,7 +16,6 @@
 #include "core/view/clip_region.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
-#include "core/volume/block_set.h"
 
 namespace isoscope::visibility {
 
@@ -64,16 +63,13 @@ class DepthBounds {
 struct BoundedBlocks {
   const view::View* view = nullptr;  // of the volume, level 0
   const volume::BlockLayout* layout = nullptr;
-  const view::Clipper* clipper = nullptr;    // of the picture
-  const volume::BlockSet* blocks = nullptr;  // of the layout
-  // Only those of them in [begin, end) count: a part of the blocks.
-  volume::BlockId begin = 0;
-  volume::BlockId end = 0;
+  const view::Clipper* clipper = nullptr;  // of the picture
+  std::span<const volume::BlockId> ids;    // of the layout, in any order
 };
 
 // Adds the triangles that active blocks may have. Blocks that are wholly clipped have none. Works
 // in parallel, in the caller's TBB arena. O(footprints' pixels), and memory for some thousand
-// footprints. REQUIRES: `bounds` has the size of the view's picture; begin <= end.
+// footprints. REQUIRES: `bounds` has the size of the view's picture.
 void AddSurfaceBlocks(const BoundedBlocks& active, DepthBounds* bounds);
 
 // Adds the caps that blocks may have. Only blocks that the border of the clip region cuts have some.

@@ -14,8 +14,8 @@
 // columns count along y and rows along z. A viewport of 1024 x 1024 pixels has 128 x 128 = 16384
 // rays more, from 52 on.
 //
-// A volume with more than kMaxFaceRays boundary faces has rays through every second, third, ... row
-// and column of them: any set of occluders gives the same picture.
+// A volume with more than RaySet::kMaxFaceRays boundary faces has rays through every second, third,
+// ... row and column of them: any set of occluders gives the same picture.
 //
 // An agent casts a contiguous share. The union of all hits does not depend on the shares, because a
 // ray is a function of its index. Hits and their active 26-neighbours occlude: a surface that a ray
@@ -44,9 +44,6 @@ namespace {
 constexpr double kPixelsPerRay = 8.0 * 8.0;
 constexpr double kMinImageRays = 1024;
 constexpr double kMaxImageRays = 65536;
-
-// More rays through faces would cost more than the picture has pixels to show.
-constexpr std::int64_t kMaxFaceRays = std::int64_t{1} << 18;
 
 // Returns the number of faces that have a ray, on an axis of `block_count` blocks.
 std::int64_t FacesOn(std::int64_t block_count, std::int64_t stride) {
@@ -169,9 +166,11 @@ void AimAtRegion(const view::View& view, RayScene* scene) {
 
 }  // namespace
 
-RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed) {
+RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed,
+               std::int64_t max_face_rays) {
+  ISOSCOPE_CHECK_GE(max_face_rays, 6);
   scene_.block_dims = layout.block_dims();
-  while (FaceRays(scene_.block_dims, scene_.face_stride) > kMaxFaceRays) {
+  while (FaceRays(scene_.block_dims, scene_.face_stride) > max_face_rays) {
     ++scene_.face_stride;
   }
   face_ray_count_ = FaceRays(scene_.block_dims, scene_.face_stride);

@@ -32,15 +32,19 @@ struct Ray {
 // not depend on the agent that casts it. Immutable; thread-safe. O(1) to make.
 class RaySet {
  public:
-  // All boundary faces have a ray up to about 262144 of them (209^3 blocks). Beyond, every n-th row
-  // and column of each side has.
+  // More rays through faces would cost more than the picture has pixels to show.
+  static constexpr std::int64_t kMaxFaceRays = std::int64_t{1} << 18;
+
+  // All boundary faces have a ray if that makes at most max_face_rays, by default of up to 209^3
+  // blocks. Otherwise every n-th row and column of each side has, with the least n that is enough.
   //
   // Random rays go through the cells of a grid over the picture, one through each: about one for
   // every 8 x 8 pixels, at least about 1024 and at most about 65536. A region of a viewport has at
   // most about one for every pixel, and only rays that meet it: they choose the blocks that may
   // hide others there.
-  // REQUIRES: the layout is that of the view's volume.
-  RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed);
+  // REQUIRES: the layout is that of the view's volume; max_face_rays >= 6.
+  RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed,
+         std::int64_t max_face_rays = kMaxFaceRays);
 
   [[nodiscard]] std::int64_t count() const { return face_ray_count_ + image_ray_count_; }
 

@@ -131,13 +131,7 @@ void RangeTable::Set(BlockId id, const ScalarSpan& span) {
   });
 }
 
-ScalarSpan RangeTable::Get(BlockId id) const {
-  return VisitScalarType(type_, [&]<typename T>() {
-    const char* entry = bytes_.data() + 2 * sizeof(T) * id;
-    return ScalarSpan{static_cast<double>(base::LoadLittleEndian<T>(entry)),
-                      static_cast<double>(base::LoadLittleEndian<T>(entry + sizeof(T)))};
-  });
-}
+ScalarSpan RangeTable::Get(BlockId id) const { return SpanAt(type_, bytes_, id); }
 
 ScalarSpan RangeTable::Total() const {
   ScalarSpan total;
@@ -159,6 +153,14 @@ BlockSet RangeTable::ActiveBlocks(const InsideRule& rule) const {
   BlockSet active(block_count_);
   FindActiveSpans(type_, bytes_, rule, active.words());
   return active;
+}
+
+ScalarSpan SpanAt(ScalarType type, absl::string_view bytes, std::int64_t index) {
+  return VisitScalarType(type, [&]<typename T>() {
+    const char* const entry = bytes.data() + 2 * sizeof(T) * static_cast<std::size_t>(index);
+    return ScalarSpan{static_cast<double>(base::LoadLittleEndian<T>(entry)),
+                      static_cast<double>(base::LoadLittleEndian<T>(entry + sizeof(T)))};
+  });
 }
 
 void FindActiveSpans(ScalarType type, absl::string_view bytes, const InsideRule& rule,

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <bit>
 #include <cstddef>
 
 #include "core/base/check.h"
@@ -10,7 +9,7 @@
 namespace isoscope::volume {
 namespace {
 
-// Calls fn(id) for each block that has one of some cells, until it returns false.
+// Calls fn(index) for each block that has one of some cells, until it returns false.
 template <typename Fn>
 void ForEachBlockOf(const BlockLayout& layout, const math::IndexBox& cells, const Fn& fn) {
   math::IndexBox blocks;
@@ -21,7 +20,7 @@ void ForEachBlockOf(const BlockLayout& layout, const math::IndexBox& cells, cons
   for (std::int64_t z = blocks.begin.z; z < blocks.end.z; ++z) {
     for (std::int64_t y = blocks.begin.y; y < blocks.end.y; ++y) {
       for (std::int64_t x = blocks.begin.x; x < blocks.end.x; ++x) {
-        if (!fn(layout.IdOf({x, y, z}))) {
+        if (!fn(math::Index3{x, y, z})) {
           return;
         }
       }
@@ -46,15 +45,15 @@ math::IndexBox CellsUnder(const math::Index3& sample_dims, int level, const math
 }
 
 BlockSet BlocksThatMayResolve(const BlockLayout& coarse, const BlockSet& coarse_active, int level,
-                              const BlockLayout& fine, const BlockSet& fine_active) {
+                              const BlockLayout& fine, const BlockTree& fine_active) {
   BlockSet chosen(coarse.block_count());
   for (const BlockId id : coarse_active.Ids()) {
     const math::IndexBox cells = coarse.CellsOf(id);
     const math::IndexBox under{
         CellsUnder(fine.sample_dims(), level, cells.begin).begin,
         CellsUnder(fine.sample_dims(), level, cells.end - math::Index3{1, 1, 1}).end};
-    ForEachBlockOf(fine, under, [&](BlockId block) {
-      if (!fine_active.Contains(block)) {
+    ForEachBlockOf(fine, under, [&](const math::Index3& block) {
+      if (!fine_active.Contains(fine.IdOf(block))) {
         return true;
       }
       chosen.Insert(id);
@@ -64,32 +63,28 @@ BlockSet BlocksThatMayResolve(const BlockLayout& coarse, const BlockSet& coarse_
   return chosen;
 }
 
-ResolvedBlocks::ResolvedBlocks(const BlockLayout& fine, int level)
-    : fine_(fine), level_(level), blocks_(fine.block_count()) {
+ResolvedBlocks::ResolvedBlocks(const BlockLayout& fine, const BlockTree* active, int level)
+    : fine_(fine), active_(*active), level_(level), marks_(active->words().size()) {
   ISOSCOPE_CHECK_GE(level, 1);
+  ISOSCOPE_CHECK(active->block_dims() == fine.block_dims());
 }
 
 void ResolvedBlocks::AddCell(const math::Index3& cell) {
-  ForEachBlockOf(fine_, CellsUnder(fine_.sample_dims(), level_, cell), [&](BlockId id) {
-    const std::atomic_ref<std::uint64_t> word(blocks_.words()[id / 64]);
-    const std::uint64_t bit = std::uint64_t{1} << (id % 64);
-    // Most cells find their blocks marked: a read is cheaper.
-    if ((word.load(std::memory_order_relaxed) & bit) == 0) {
-      word.fetch_or(bit, std::memory_order_relaxed);
-    }
-    return true;
-  });
-}
-
-std::int64_t CountUnresolved(const BlockSet& active, const BlockSet& resolved) {
-  const auto of_active = active.words();
-  const auto of_resolved = resolved.words();
-  ISOSCOPE_CHECK_EQ(of_active.size(), of_resolved.size());
-  std::int64_t count = 0;
-  for (std::size_t i = 0; i < of_active.size(); ++i) {
-    count += std::popcount(of_active[i] & ~of_resolved[i]);
-  }
-  return count;
+  ForEachBlockOf(
+      fine_, CellsUnder(fine_.sample_dims(), level_, cell), [&](const math::Index3& block) {
+        const std::int64_t code = active_.CodeOf(block);
+        const std::uint32_t word_index = active_.cells()[static_cast<std::size_t>(code / 64)];
+        const std::uint64_t bit = std::uint64_t{1} << (code % 64);
+        if (word_index >= BlockTree::kEmpty || (active_.words()[word_index] & bit) == 0) {
+          return true;
+        }
+        const std::atomic_ref<std::uint64_t> word(marks_[word_index]);
+        // Most cells find their blocks marked: a read is cheaper.
+        if ((word.load(std::memory_order_relaxed) & bit) == 0) {
+          word.fetch_or(bit, std::memory_order_relaxed);
+        }
+        return true;
+      });
 }
 
 }  // namespace isoscope::volume

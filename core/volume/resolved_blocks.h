@@ -6,7 +6,7 @@
 //
 // Three things decide, of which only the last one needs samples:
 //
-//   active blocks of level 0        its range table, which every agent has
+//   active blocks of level 0        its spans, which every agent has
 //   active blocks of the level      the level's range table: all other blocks have no triangle
 //   cells with triangles in these   the samples of the level's blocks: each agent reads its own
 //
@@ -17,11 +17,13 @@
 #define ISOSCOPE_CORE_VOLUME_RESOLVED_BLOCKS_H_
 
 #include <cstdint>
+#include <vector>
 
 #include "core/math/box.h"
 #include "core/math/vec.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 
 namespace isoscope::volume {
 
@@ -35,34 +37,35 @@ namespace isoscope::volume {
 math::IndexBox CellsUnder(const math::Index3& sample_dims, int level, const math::Index3& cell);
 
 // Returns those of a level's active blocks whose cells overlap an active block of level 0: no other
-// block can resolve one. O(blocks).
+// block can resolve one. O(blocks of the level, and under its active blocks).
 //
 // coarse, coarse_active: of the level
 // fine, fine_active:     of level 0
 BlockSet BlocksThatMayResolve(const BlockLayout& coarse, const BlockSet& coarse_active, int level,
-                              const BlockLayout& fine, const BlockSet& fine_active);
+                              const BlockLayout& fine, const BlockTree& fine_active);
 
-// Collects the blocks of level 0 that cells with triangles overlap. AddCell is thread-safe.
+// Collects the active blocks of level 0 that cells with triangles overlap. AddCell is thread-safe.
+// Memory: 8 bytes for each brick of the tree.
 class ResolvedBlocks {
  public:
-  // fine: of level 0. REQUIRES: level >= 1.
-  ResolvedBlocks(const BlockLayout& fine, int level);
+  // fine:   of level 0
+  // active: its active blocks; must outlive this
+  //
+  // REQUIRES: level >= 1.
+  ResolvedBlocks(const BlockLayout& fine, const BlockTree* active, int level);
 
-  // Adds the blocks under a cell of the level that has a triangle. REQUIRES: as CellsUnder.
+  // Adds the active blocks under a cell of the level that has a triangle. REQUIRES: as CellsUnder.
   void AddCell(const math::Index3& cell);
 
-  // REQUIRES: no AddCell is under way.
-  [[nodiscard]] const BlockSet& blocks() const { return blocks_; }
+  // Returns the blocks, ascending. REQUIRES: no AddCell is under way.
+  [[nodiscard]] std::vector<BlockId> Ids() const { return active_.IdsOf(marks_); }
 
  private:
   const BlockLayout fine_;
+  const BlockTree& active_;
   const int level_;
-  BlockSet blocks_;
+  std::vector<std::uint64_t> marks_;  // in the shape of active_.words()
 };
-
-// Returns the number of members of `active` that are not in `resolved`. REQUIRES: both are sets of
-// blocks of level 0.
-std::int64_t CountUnresolved(const BlockSet& active, const BlockSet& resolved);
 
 }  // namespace isoscope::volume
 

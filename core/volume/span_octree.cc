@@ -154,11 +154,7 @@ absl::StatusOr<ScalarSpan> SpanOctree::SpanOf(BlockId id) const {
   const SpanPageLayout::Place place = layout_.PlaceOf({id % dims.x, row % dims.y, row / dims.y});
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const std::string> bytes,
                             pages_->Load(place.page));
-  const std::size_t span_bytes = 2 * SizeOf(page_spans().type());
-  return RangeTable::FromBytes(
-             page_spans().type(), 1,
-             bytes->substr(static_cast<std::size_t>(place.span) * span_bytes, span_bytes))
-      .Get(0);
+  return SpanAt(page_spans().type(), *bytes, place.span);
 }
 
 void SpanOctree::FindActivePages(std::size_t level, const math::Index3& node,

@@ -7,17 +7,16 @@
 #include "core/base/status_macros.h"
 #include "core/extract/active_cells.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/block_set.h"
 #include "core/volume/resolved_blocks.h"
 #include "partition-agent/supply/block_reads.h"
 #include "partition-agent/supply/surface_blocks.h"
 
 namespace isoscope::agent {
 
-absl::StatusOr<volume::BlockSet> BlocksResolvedBy(const Shards& shards,
-                                                  const volume::InsideRule& rule,
-                                                  const LevelPair& pair,
-                                                  const AgentResources& resources,
-                                                  const base::Cancellation& cancellation) {
+absl::StatusOr<std::vector<volume::BlockId>> BlocksResolvedBy(
+    const Shards& shards, const volume::InsideRule& rule, const LevelPair& pair,
+    const AgentResources& resources, const base::Cancellation& cancellation) {
   // 1. The level's blocks that may resolve one.
   const volume::BlockLayout& layout = shards.front()->reader->layout();
   IndexCost cost;
@@ -36,7 +35,7 @@ absl::StatusOr<volume::BlockSet> BlocksResolvedBy(const Shards& shards,
   std::sort(to_read.begin(), to_read.end());
 
   // 2. Their cells with triangles.
-  volume::ResolvedBlocks resolved(*pair.fine, pair.level);
+  volume::ResolvedBlocks resolved(*pair.fine, pair.fine_active, pair.level);
   ISOSCOPE_RETURN_IF_ERROR(
       BlockReads(shards, to_read)
           .ForEach(resources, cancellation,
@@ -46,9 +45,7 @@ absl::StatusOr<volume::BlockSet> BlocksResolvedBy(const Shards& shards,
                          [&](const math::Index3& cell) { resolved.AddCell(cell); });
                      return cancellation.Check();
                    }));
-  volume::BlockSet active = resolved.blocks();
-  active.IntersectWith(*pair.fine_active);
-  return active;
+  return resolved.Ids();
 }
 
 }  // namespace isoscope::agent

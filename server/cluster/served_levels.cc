@@ -67,7 +67,12 @@ absl::StatusOr<const ServedLevel*> FindNamed(const std::vector<ServedLevel>& lev
   if (found == levels.end()) {
     return absl::FailedPreconditionError(
         absl::StrCat("level is ", named, ": dataset \"", dataset.name(), "\" is served with ",
-                     TextOfServed(levels), "; leave the level out, or give max_spacing_px"));
+                     TextOfServed(levels),
+                     // Levels are made without gaps.
+                     !levels.empty() && named < levels.back().level
+                         ? "; a shard lacks it, or its files are damaged: `isoscope verify` tells"
+                         : "",
+                     "; leave the level out, or give max_spacing_px"));
   }
   if (const std::optional<std::size_t> misfit = FirstMisfit(rules, found->filter);
       misfit.has_value()) {

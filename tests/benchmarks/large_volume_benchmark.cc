@@ -101,7 +101,7 @@ class ShellPages final : public volume::SpanPages {
 };
 
 struct Scene {
-  explicit Scene(std::int64_t side)
+  Scene(std::int64_t side, std::int64_t max_face_rays)
       : layout(*volume::BlockLayout::Make(
             {side * kBlockCells + 1, side * kBlockCells + 1, side * kBlockCells + 1},
             {kBlockCells, kBlockCells, kBlockCells})),
@@ -109,7 +109,7 @@ struct Scene {
         octree(MakeOctree(side)),
         active(*octree.ActiveBlocks(volume::InsideRule::OfIsovalue(kIsovalue))),
         cubes(active),
-        rays(view, layout, 1),
+        rays(view, layout, 1, max_face_rays),
         map(OcclusionMap::FromImage(MakeImage(), MapKind::kDepth)) {}
 
   static view::View MakeView(const math::Index3& samples) {
@@ -170,11 +170,12 @@ struct Scene {
 };
 
 // Made once: the larger one takes some seconds.
-const Scene& SceneOf(benchmark::State& state) {
-  static auto& scenes = *new std::map<std::int64_t, std::unique_ptr<Scene>>;
-  std::unique_ptr<Scene>& scene = scenes[state.range(0)];
+const Scene& SceneOf(benchmark::State& state, std::int64_t max_face_rays = RaySet::kMaxFaceRays) {
+  static auto& scenes =
+      *new std::map<std::pair<std::int64_t, std::int64_t>, std::unique_ptr<Scene>>;
+  std::unique_ptr<Scene>& scene = scenes[{state.range(0), max_face_rays}];
   if (scene == nullptr) {
-    scene = std::make_unique<Scene>(state.range(0));
+    scene = std::make_unique<Scene>(state.range(0), max_face_rays);
   }
   state.counters["blocks"] = static_cast<double>(scene->layout.block_count());
   state.counters["active"] = static_cast<double>(scene->active.count());
@@ -261,6 +262,29 @@ void BM_CullByCubes(benchmark::State& state) {
   state.counters["equal"] = ids == expected ? 1 : 0;
 }
 BENCHMARK(BM_CullByCubes)->Apply(Sides);
+
+// What rays through all boundary faces would find: blocks that occlude, and blocks that are open
+// behind them, beside those of the rays that are cast.
+void BM_RaysThroughAllFaces(benchmark::State& state) {
+  constexpr std::int64_t kAll = std::int64_t{1} << 40;
+  const Scene& all = SceneOf(state, kAll);
+  const Scene& cast = SceneOf(state);
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(all.Hits());
+  }
+  const auto count = [&](const char* of, const Scene& scene) {
+    const std::vector<std::uint64_t> drawn = scene.active.WithNeighbours(scene.Hits());
+    const auto open = scene.cubes.OpenBlocks(scene.view, scene.layout, {}, scene.map, drawn);
+    state.counters[std::string(of) + "_rays"] = static_cast<double>(scene.rays.count());
+    state.counters[std::string(of) + "_occluders"] =
+        static_cast<double>(scene.active.IdsOf(drawn).size());
+    state.counters[std::string(of) + "_open"] =
+        static_cast<double>(scene.active.IdsOf(open).size());
+  };
+  count("all", all);
+  count("cast", cast);
+}
+BENCHMARK(BM_RaysThroughAllFaces)->Apply(Sides);
 
 void BM_CullBlockByBlock(benchmark::State& state) {
   const Scene& scene = SceneOf(state);

@@ -109,15 +109,10 @@ void BoundAll(const volume::BlockSet& active, benchmark::State* state) {
   const view::View view = MakeView();
   const volume::BlockLayout layout = MakeLayout();
   const view::Clipper clipper;
+  const std::vector<volume::BlockId> ids = active.Ids();
   for (auto _ : *state) {
     DepthBounds bounds(kSize, kSize);
-    AddSurfaceBlocks({.view = &view,
-                      .layout = &layout,
-                      .clipper = &clipper,
-                      .blocks = &active,
-                      .begin = 0,
-                      .end = static_cast<volume::BlockId>(layout.block_count())},
-                     &bounds);
+    AddSurfaceBlocks({.view = &view, .layout = &layout, .clipper = &clipper, .ids = ids}, &bounds);
     benchmark::DoNotOptimize(bounds);
   }
   state->counters["active"] = static_cast<double>(active.Count());

@@ -154,6 +154,8 @@ std::vector<WrongUsage> PartitionRows() {
       {{"partition", "--add-levels", "d", "--step", "1"}, {"--step can't"}},
       {{"partition", "--add-levels", "d", "--dims", "4,4,4"}, {"--dims can't"}},
       {{"partition", "--add-levels", "d", "--drop-levels", "d"}, {"exclude each other"}},
+      {{"partition", "--add-levels", "d", "--levels", "none"},
+       {"--levels none can't", "--drop-levels"}},
       {{"partition", "--drop-levels", "d", "--levels", "2"},
        {"--levels can't be used with --drop-levels DIR"}},
       {{"partition", "--drop-levels", "d", "--compression", "lz4"}, {"--compression can't"}},

@@ -278,6 +278,18 @@ TEST_F(DatasetLevelsTest, AShardWithoutALevelSaysSoAndServesTheRest) {
   ExpectNoDamage("dataset");
 }
 
+// A copy that was cut off: verify names it, and adding must not take it for whole.
+TEST_F(DatasetLevelsTest, ALevelWithAFileThatIsCutOffIsMadeAgain) {
+  ISOSCOPE_ASSERT_OK(Run(NoiseVolume(), Cut("dataset", 2)));
+  const Files before = FilesOf("dataset");
+  for (const char* const file : {"blocks.bin", "block_index.bin", "ranges.bin", "shard.json"}) {
+    const std::string path = dir_.Sub("dataset/shard-00001-of-00003/level_1/") + file;
+    fs::resize_file(path, fs::file_size(path) / 2);
+    ISOSCOPE_ASSERT_OK(Add("dataset", 2).status());
+    ASSERT_EQ(FilesOf("dataset"), before) << file;
+  }
+}
+
 TEST_F(DatasetLevelsTest, WhatIsNotThereIsAnError) {
   EXPECT_THAT(Add("nothing", 1), StatusIs(absl::StatusCode::kNotFound));
   ISOSCOPE_ASSERT_OK(Run(NoiseVolume(), Cut("dataset", 0)));

@@ -362,6 +362,9 @@ TEST(ManifestTest, WhatAReaderMustKnowIsNamed) {
                HasSubstr("requires \"parts\", which this program does not know")));
   EXPECT_THAT(DecodeManifest(SealJson(Replaced(text, "\"volume\"", "\"series\"")), "m"),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("a series")));
+  EXPECT_THAT(DecodeManifest(SealJson(Replaced(text, "\"volume\"", "\"index\"")), "m"),
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       HasSubstr("kind \"index\", which this program does not know")));
 }
 
 TEST(ManifestTest, DeepNestingNeitherCrashesNorThrows) {

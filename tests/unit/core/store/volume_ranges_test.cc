@@ -83,6 +83,18 @@ TEST(VolumeRangesTest, TreesHaveTheBlocksOfTheSets) {
   }
 }
 
+TEST(VolumeRangesTest, OnlyLargeVolumesTakeMoreLater) {
+  const std::size_t before = VolumeRanges::LaterBytes();
+  const auto small = VolumeRanges::Share(kDims, MakeTable(11));
+  EXPECT_EQ(VolumeRanges::LaterBytes(), before);
+  constexpr math::Index3 kLarge{256, 256, 65};
+  auto large = VolumeRanges::Share(
+      kLarge, volume::RangeTable(volume::ScalarType::kUint8, math::Volume(kLarge)));
+  EXPECT_EQ(VolumeRanges::LaterBytes(), before + VolumeRanges::kMaxTreeBytes);
+  large.reset();
+  EXPECT_EQ(VolumeRanges::LaterBytes(), before);
+}
+
 TEST(VolumeRangesTest, ATableOfOtherDimensionsIsAnother) {
   const auto a = VolumeRanges::Share(kDims, MakeTable(1));
   EXPECT_NE(a, VolumeRanges::Share({5, 10, 10}, MakeTable(1)));
@@ -118,6 +130,8 @@ TEST(VolumeRangesTest, TheTableOfAFileIsReadOnceAndOnlyIfItIsAskedFor) {
   EXPECT_EQ(active->ToSet(), table.ActiveBlocks(60));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::ScalarSpan span, ranges->SpanOf(77));
   EXPECT_EQ(span, table.Get(77));
+  volume::BlockSpans spans = ranges->Spans();
+  EXPECT_EQ(spans.Get(77), table.Get(77));
   EXPECT_EQ(load_count, 0);
   EXPECT_EQ(ranges->table(), table);
   EXPECT_EQ(*ranges->ActiveBlocks({.isovalue = 60}), table.ActiveBlocks(60));

@@ -33,6 +33,7 @@
 #include "core/render/clip_caps.h"
 #include "core/render/cpu_renderer.h"
 #include "core/visibility/occluder_selection.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/range_table.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/draws.h"
@@ -178,6 +179,13 @@ frame::FrameSpec RandomSpec(const math::Box3d& bounds, Dice* dice) {
   return spec;
 }
 
+std::vector<volume::BlockId> MembersIn(const volume::BlockSet& blocks, volume::BlockId begin,
+                                       volume::BlockId end) {
+  std::vector<volume::BlockId> members = blocks.Ids();
+  std::erase_if(members, [&](volume::BlockId id) { return id < begin || id >= end; });
+  return members;
+}
+
 // The bounds of some parts of the blocks, each by itself, united in the order of `parts`.
 DepthBounds BoundsOf(const Volume& volume, const view::View& view, const frame::FrameSpec& spec,
                      const std::vector<std::pair<volume::BlockId, volume::BlockId>>& parts) {
@@ -201,14 +209,12 @@ DepthBounds BoundsOf(const Volume& volume, const view::View& view, const frame::
   DepthBounds all(size.width_px, size.height_px);
   for (const auto& [begin, end] : parts) {
     DepthBounds of_part(size.width_px, size.height_px);
-    BoundedBlocks blocks{.view = &view,
-                         .layout = &volume.layout,
-                         .clipper = &clipper,
-                         .blocks = &active,
-                         .begin = begin,
-                         .end = end};
+    const std::vector<volume::BlockId> of_surface = MembersIn(active, begin, end);
+    const std::vector<volume::BlockId> near_inside = MembersIn(with_inside, begin, end);
+    BoundedBlocks blocks{
+        .view = &view, .layout = &volume.layout, .clipper = &clipper, .ids = of_surface};
     AddSurfaceBlocks(blocks, &of_part);
-    blocks.blocks = &with_inside;
+    blocks.ids = near_inside;
     AddCapBlocks(blocks, &of_part);
     all.UniteWith(of_part);
   }
@@ -263,9 +269,10 @@ class DepthBoundsTest : public ::testing::Test {
   static void DrawCaps(const Volume& volume, const view::View& view, const frame::FrameSpec& spec,
                        std::vector<Drawn>* drawn) {
     const render::CapPainter painter(view, volume.layout, spec, frame::BackEnd::kEgl, nullptr);
+    volume::BlockSpans spans(volume.ranges);
     for (std::int64_t i = 0; i < volume.layout.block_count(); ++i) {
       const auto id = static_cast<volume::BlockId>(i);
-      const render::CapPainter::Need need = painter.NeedOf(id, volume.ranges);
+      const render::CapPainter::Need need = painter.NeedOf(id, &spans);
       if (need == render::CapPainter::Need::kNothing) {
         continue;
       }
@@ -273,7 +280,7 @@ class DepthBoundsTest : public ::testing::Test {
           testing::CutBlock(volume.layout, volume::ScalarType::kUint8, volume.samples, id);
       const volume::BlockSamples samples{id, volume::ScalarType::kUint8, block.data()};
       painter.Paint(
-          id, volume.ranges, need == render::CapPainter::Need::kSamples ? &samples : nullptr, {},
+          id, spans.Get(id), need == render::CapPainter::Need::kSamples ? &samples : nullptr, {},
           [](int, int, float) { return false; },
           [&](const render::CapFragment& fragment) {
             const auto row = static_cast<std::size_t>(fragment.y);

@@ -27,9 +27,8 @@ class BlockBoundsTest : public ::testing::Test {
     return view::View::Make(*spec.camera, spec.viewport, dataset_.geometry(), spec.region).value();
   }
   absl::StatusOr<DepthBounds> Find(const frame::FrameSpec& spec, const BlockPart& part) {
-    const store::ShardReader& reader = *shards_.front()->reader;
-    return BoundsOfPart(reader.layout(), reader.ranges(), ViewOf(spec), spec, part, &arena_,
-                        cancellation_);
+    return BoundsOfPart(*shards_.front()->reader, ViewOf(spec), spec, part, &arena_, cancellation_,
+                        max_dense_blocks_);
   }
   DepthBounds FindAll(const frame::FrameSpec& spec, int part_count) {
     DepthBounds all(spec.viewport.width_px, spec.viewport.height_px);
@@ -44,6 +43,7 @@ class BlockBoundsTest : public ::testing::Test {
   base::TaskArena arena_{2};
   base::Cancellation cancellation_;
   frame::FrameSpec spec_;
+  std::int64_t max_dense_blocks_ = volume::kMaxDenseBlocks;
 };
 
 TEST_F(BlockBoundsTest, AnyNumberOfPartsGivesTheSame) {
@@ -56,11 +56,24 @@ TEST_F(BlockBoundsTest, AnyNumberOfPartsGivesTheSame) {
   }
 }
 
+TEST_F(BlockBoundsTest, TreesOfALargeVolumeGiveTheSame) {
+  spec_.surfaces.push_back(spec_.surfaces[0]);
+  spec_.surfaces[1].rule.isovalue = 60;
+  spec_.clip.half_spaces = {{{1, 0.2, 0.1}, 14}};
+  spec_.caps.emplace();
+  const DepthBounds expected = FindAll(spec_, 1);
+  EXPECT_NE(expected, DepthBounds(80, 60));
+  max_dense_blocks_ = 0;
+  for (const int part_count : {1, 3, 100}) {
+    EXPECT_EQ(FindAll(spec_, part_count), expected) << part_count << " parts";
+  }
+}
+
 TEST_F(BlockBoundsTest, AnyShardHasThemForAllBlocks) {
   const store::ShardReader& other = *shards_.back()->reader;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DepthBounds of_other,
-                                BoundsOfPart(other.layout(), other.ranges(), ViewOf(spec_), spec_,
-                                             {}, &arena_, cancellation_));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const DepthBounds of_other,
+      BoundsOfPart(other, ViewOf(spec_), spec_, {}, &arena_, cancellation_));
   EXPECT_EQ(of_other, FindAll(spec_, 1));
 }
 

@@ -101,10 +101,10 @@ TEST_F(LevelResolutionTest, TheUnionOfAnyShardsIsThatOfAllCells) {
   const InsideRule rule = InsideRule::OfIsovalue(60);
   const Shards fine = Cut(kDims, fine_samples, 4, 1);
   const store::ShardReader& reader = *fine.front()->reader;
-  const volume::BlockSet active = reader.ranges().ActiveBlocks(rule);
+  const volume::BlockTree active(reader.layout().block_dims(), reader.ranges().ActiveBlocks(rule));
   const LevelPair pair{.fine = &reader.layout(), .fine_active = &active, .level = 1};
   // By brute force.
-  volume::ResolvedBlocks all(reader.layout(), 1);
+  volume::ResolvedBlocks all(reader.layout(), &active, 1);
   const auto at = [&](std::int64_t x, std::int64_t y, std::int64_t z) {
     return coarse_samples[static_cast<std::size_t>(x + coarse_dims.x * (y + coarse_dims.y * z))];
   };
@@ -121,22 +121,22 @@ TEST_F(LevelResolutionTest, TheUnionOfAnyShardsIsThatOfAllCells) {
       }
     }
   }
-  volume::BlockSet expected = all.blocks();
-  expected.IntersectWith(active);
-  EXPECT_GT(expected.Count(), 5);
-  EXPECT_GT(volume::CountUnresolved(active, expected), 5) << "lone voxels are gone at level 1";
+  const std::vector<volume::BlockId> expected = all.Ids();
+  EXPECT_GT(expected.size(), 5U);
+  EXPECT_GT(active.count(), static_cast<std::int64_t>(expected.size()) + 5)
+      << "lone voxels are gone at level 1";
   for (const int shard_count : {1, 3}) {
     for (const std::int64_t edge : {3, 8}) {
       volume::BlockSet found(reader.layout().block_count());
       for (const std::shared_ptr<const Shard>& shard :
            Cut(coarse_dims, coarse_samples, edge, shard_count)) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-            const volume::BlockSet of_shard,
+            const std::vector<volume::BlockId> of_shard,
             BlocksResolvedBy({shard}, rule, pair,
                              {.arena = &arena_, .cache = &cache_, .metrics = &metrics_}, never_));
-        found.UnionWith(of_shard);
+        found.InsertAll(of_shard);
       }
-      EXPECT_EQ(found, expected) << shard_count << " shards, blocks of " << edge;
+      EXPECT_EQ(found.Ids(), expected) << shard_count << " shards, blocks of " << edge;
     }
   }
 }
@@ -146,13 +146,13 @@ TEST_F(LevelResolutionTest, WithoutActiveBlocksNothingIsRead) {
   const math::Index3 coarse_dims{kDims.x / 2, kDims.y / 2, kDims.z / 2};
   const Shards coarse = Cut(coarse_dims, Halved(fine_samples, kDims), 4, 1);
   const auto layout = volume::BlockLayout::Make(kDims, {4, 4, 4}).value();
-  const volume::BlockSet none(layout.block_count());
+  const volume::BlockTree none(layout.block_dims(), volume::BlockSet(layout.block_count()));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const volume::BlockSet resolved,
+      const std::vector<volume::BlockId> resolved,
       BlocksResolvedBy(coarse, InsideRule::OfIsovalue(60),
                        {.fine = &layout, .fine_active = &none, .level = 1},
                        {.arena = &arena_, .cache = &cache_, .metrics = &metrics_}, never_));
-  EXPECT_EQ(resolved, none);
+  EXPECT_TRUE(resolved.empty());
   EXPECT_EQ(metrics_.read_bytes.value(), 0);
 }
 
@@ -162,7 +162,8 @@ TEST_F(LevelResolutionTest, ACancelledQuestionEnds) {
   const Shards coarse =
       Cut({kDims.x / 2, kDims.y / 2, kDims.z / 2}, Halved(fine_samples, kDims), 4, 1);
   const InsideRule rule = InsideRule::OfIsovalue(60);
-  const volume::BlockSet active = fine.front()->reader->ranges().ActiveBlocks(rule);
+  const volume::BlockTree active(fine.front()->reader->layout().block_dims(),
+                                 fine.front()->reader->ranges().ActiveBlocks(rule));
   base::Cancellation cancelled;
   cancelled.Cancel();
   EXPECT_TRUE(absl::IsCancelled(

@@ -27,6 +27,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing::IsOk;
 using testing::MakeShard;
+using ::testing::Not;
 using testing::StatusIs;
 using volume::LevelFilter;
 
@@ -189,6 +190,10 @@ TEST_F(ChooseLevelTest, ALevelThatIsNamedIsServedOrAnError) {
   EXPECT_THAT(status_, StatusIs(absl::StatusCode::kFailedPrecondition,
                                 AllOf(HasSubstr("level is 3"), HasSubstr("\"head\""),
                                       HasSubstr("levels 0, 1, 2"))));
+  EXPECT_THAT(std::string(status_.message()), Not(HasSubstr("a shard lacks it")));
+  EXPECT_EQ(Choose(Levels({2}), isovalue_, {.level = 1}), -1);
+  EXPECT_THAT(status_, StatusIs(absl::StatusCode::kFailedPrecondition,
+                                AllOf(HasSubstr("levels 0, 2"), HasSubstr("a shard lacks it"))));
   EXPECT_EQ(Choose({}, isovalue_, {.level = 1}), -1);
   EXPECT_THAT(status_, StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("--add-levels")));
 }
