@@ -100,7 +100,7 @@ function colorByToWords(colorBy) {
 }
 
 /** @type {Record<string, string>} */
-const FITS = { CAMERA_FIT_SURFACE: 'surface', CAMERA_FIT_CELLS: 'cells' };
+const FIT_WORDS = { CAMERA_FIT_SURFACE: 'surface', CAMERA_FIT_CELLS: 'cells' };
 
 // ---- the first look ----
 
@@ -154,7 +154,7 @@ const FLAG_VALUES = {
   up: ({ camera }) => camera ? [vec(camera.up)] : [],
   'fov-y': ({ camera }) => camera && !camera.orthographic ? [String(camera.perspective?.fovYDegrees ?? 30)] : [],
   'orthographic-height': ({ camera }) => camera?.orthographic ? [String(camera.orthographic.height ?? 0)] : [],
-  fit: ({ cameraFit }) => FITS[cameraFit] ? [FITS[cameraFit]] : [],
+  fit: ({ cameraFit }) => FIT_WORDS[cameraFit] ? [FIT_WORDS[cameraFit]] : [],
   'clip-plane': ({ clip }) => (clip?.halfSpaces ?? []).map((/** @type {any} */ plane) => `${vec(plane.normal)},${plane.offset ?? 0}`),
   'clip-box': ({ clip }) => clip?.box
     ? [['x', 'y', 'z'].map((axis) => `${clip.box.min?.[axis] ?? 0},${clip.box.max?.[axis] ?? 0}`).join()] : [],
@@ -515,7 +515,7 @@ const WORDS = {
     const height = link.numbers('orthographic-height', value, 1);
     link.camera.orthographic = height && { height: height[0] };
   },
-  fit: (link, value) => { link.state.cameraFit = Object.keys(FITS).find((fit) => FITS[fit] === value); },
+  fit: (link, value) => { link.state.cameraFit = Object.keys(FIT_WORDS).find((fit) => FIT_WORDS[fit] === value); },
   'clip-plane': (link, value) => {
     const v = link.numbers('clip-plane', value, 4);
     if (v) {

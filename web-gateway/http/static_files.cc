@@ -1,9 +1,17 @@
 #include "web-gateway/http/static_files.h"
 
+#include <cstddef>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/algorithm/container.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
 
+#include "core/base/sha256.h"
 #include "web-gateway/http/etag.h"
 #include "web-gateway/http/url.h"
 
@@ -16,6 +24,28 @@ constexpr char kContentSecurityPolicy[] =
     "default-src 'none'; script-src 'self'; worker-src 'self' blob:; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; font-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'";
+
+// Digits of a digest: cmake/bundle_page.py writes as many into the addresses of index.html.
+constexpr std::size_t kDigestDigits = 32;
+
+// Digests of the files, in their order.
+const std::vector<std::string>& Digests() {
+  static const std::vector<std::string> digests = [] {
+    std::vector<std::string> made;
+    for (const StaticFile& file : StaticFiles()) {
+      made.push_back(base::Sha256Hex(file.content).substr(0, kDigestDigits));
+    }
+    return made;
+  }();
+  return digests;
+}
+
+// Bytes at an address with their digest never change; elsewhere a browser asks whether they have.
+absl::string_view CachingOf(const Target& target, const std::string& digest) {
+  const std::pair<std::string, std::string> version("v", digest);
+  return absl::c_linear_search(target.query, version) ? "public, max-age=31536000, immutable"
+                                                      : "no-cache";
+}
 
 }  // namespace
 
@@ -38,14 +68,17 @@ std::string ContentTypeOf(absl::string_view name) {
 HttpResponse ServeStaticFile(const HttpRequest& request, const std::string& policy) {
   const std::vector<std::string>& segments = request.target.segments;
   const std::string name = segments.empty() ? "index.html" : absl::StrJoin(segments, "/");
-  for (const StaticFile& file : StaticFiles()) {
+  for (std::size_t i = 0; i < StaticFiles().size(); ++i) {
+    const StaticFile& file = StaticFiles()[i];
     if (file.name != name) {
       continue;
     }
+    const std::string& digest = Digests()[i];
     HttpResponse response;
-    const std::string etag = MakeEtag({file.content});
-    response.headers = {
-        {"ETag", etag}, {"Cache-Control", "no-cache"}, {"Content-Security-Policy", policy}};
+    const std::string etag = absl::StrCat("\"", digest, "\"");
+    response.headers = {{"ETag", etag},
+                        {"Cache-Control", std::string(CachingOf(request.target, digest))},
+                        {"Content-Security-Policy", policy}};
     if (MatchesEtag(request.if_none_match, etag)) {
       response.status = 304;
       return response;
