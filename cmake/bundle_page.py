@@ -5,9 +5,10 @@
 
 OUTPUT, a folder, gets the files and bundle.js: page.js and the modules that it imports, in the order of their imports.
 Its index.html has that in their place, and names own files with the digest of their bytes (`bundle.js?v=...`), which
-lets browsers keep them. Ends with 1 and a sentence where modules can't be put together.
+lets browsers keep them. bundle.js and page.css are there as gzip, too (`bundle.js.gz`). Ends with 1 and a sentence where modules can't be put together.
 """
 
+import gzip
 import hashlib
 import pathlib
 import re
@@ -19,6 +20,7 @@ PAGE, ENTRY, BUNDLE = "index.html", "page.js", "bundle.js"
 ENTRY_ADDRESS = f'src="{ENTRY}"'
 PRELOAD = re.compile(r'^<link rel="modulepreload" href="[^"]+">\n', re.MULTILINE)
 OWN_ADDRESS = re.compile(r' (href|src)="([\w/-]+\.(?:css|js|svg))"')
+COMPRESSED = (BUNDLE, "page.css")
 DIGEST_DIGITS = 32  # as web-gateway/http/static_files.cc takes them
 
 
@@ -47,6 +49,7 @@ def main():
         files[PAGE] = bundled(files[PAGE].decode(), files).encode()
     except (OSError, ValueError) as error:
         sys.exit(f"bundle_page.py: {error}")
+    files.update({f"{name}.gz": gzip.compress(files[name], mtime=0) for name in COMPRESSED if name in files})
     for name, content in files.items():
         path = output / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,6 @@
 """Tests cmake/bundle_page.py (its path is the first argument): one module of the page's, which browsers may keep."""
 
+import gzip
 import hashlib
 import pathlib
 import re
@@ -38,7 +39,8 @@ class BundlePageTest(unittest.TestCase):
             (web / name).write_text(text)
         done = subprocess.run([sys.executable, SCRIPT, output, *(web / name for name in files)],
                               text=True, capture_output=True, check=False)
-        return done, {path.relative_to(output).as_posix(): path.read_text() for path in output.rglob("*.*")}
+        return done, {path.relative_to(output).as_posix(): path.read_bytes() if path.suffix == ".gz" else path.read_text()
+                      for path in output.rglob("*.*")}
 
     def assert_refused(self, files, *words):
         done, made = self.run_it({**FILES, **files})
@@ -64,6 +66,11 @@ class BundlePageTest(unittest.TestCase):
         self.assertEqual(made["index.html"], f'<link rel="stylesheet" href="page.css?v={css}">\n'
                          f'<script type="module" src="bundle.js?v={js}"></script>\n'
                          f'<img src="icon.svg?v={svg}"><a href="./">home</a>\n')
+
+    def test_what_is_compressed_is_the_file(self):
+        _, made = self.run_it(FILES)
+        for name in ("bundle.js", "page.css"):
+            self.assertEqual(gzip.decompress(made[f"{name}.gz"]).decode(), made[name])
 
     def test_a_name_of_two_modules_is_refused_with_both(self):
         self.assert_refused({"page.js": FILES["page.js"] + "async function one() {}\n"}, "a.js", "page.js", "one")

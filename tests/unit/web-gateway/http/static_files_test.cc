@@ -8,6 +8,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/string_view.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -101,6 +102,37 @@ TEST(StaticFilesTest, FilesAreKeptByTheirDigestAlone) {
     EXPECT_EQ(HeaderOf(other, "Cache-Control"), "no-cache") << name;
   }
   EXPECT_EQ(HeaderOf(Get({}), "Cache-Control"), "no-cache");
+}
+
+TEST(StaticFilesTest, WhoeverAcceptsGzipGetsIt) {
+  const HttpRequest plain{.target = {.segments = {"bundle.js"}}};
+  HttpRequest packed = plain;
+  packed.accept_encoding = "gzip, deflate, br";
+  const HttpResponse whole = ServeStaticFile(plain, "");
+  const HttpResponse gzip = ServeStaticFile(packed, "");
+  EXPECT_EQ(HeaderOf(whole, "Content-Encoding"), "");
+  EXPECT_EQ(HeaderOf(gzip, "Content-Encoding"), "gzip");
+  EXPECT_TRUE(absl::StartsWith(gzip.body, "\x1f\x8b"));
+  EXPECT_LT(gzip.body.size(), whole.body.size() / 2);
+  EXPECT_EQ(gzip.content_type, whole.content_type);
+  EXPECT_NE(HeaderOf(gzip, "ETag"), HeaderOf(whole, "ETag"));
+  for (const HttpResponse& response : {whole, gzip}) {
+    EXPECT_THAT(HeaderOf(response, "Vary"), HasSubstr("Accept-Encoding"));
+  }
+  packed.if_none_match = HeaderOf(gzip, "ETag");
+  EXPECT_EQ(ServeStaticFile(packed, "").status, 304);
+  packed.target.segments = {"view", "camera.js"};
+  EXPECT_EQ(HeaderOf(ServeStaticFile(packed, ""), "Content-Encoding"), "") << "only as it is";
+  EXPECT_EQ(Get({"bundle.js.gz"}).status, 404);
+}
+
+TEST(StaticFilesTest, GzipIsAcceptedByNameAndWeight) {
+  for (const absl::string_view header : {"gzip", "br, GZIP;q=0.5", "deflate,gzip ; q=1"}) {
+    EXPECT_TRUE(AcceptsGzip(header)) << header;
+  }
+  for (const absl::string_view header : {"", "br", "gzip;q=0", "br, gzip; q=0.000", "xgzip"}) {
+    EXPECT_FALSE(AcceptsGzip(header)) << header;
+  }
 }
 
 TEST(StaticFilesTest, NothingInlineMayRun) {
