@@ -5,7 +5,8 @@
 
 OUTPUT, a folder, gets the files and bundle.js: page.js and the modules that it imports, in the order of their imports.
 Its index.html has that in their place, and names own files with the digest of their bytes (`bundle.js?v=...`), which
-lets browsers keep them. bundle.js and page.css are there as gzip, too (`bundle.js.gz`). Ends with 1 and a sentence where modules can't be put together.
+lets browsers keep them. bundle.js and page.css are there as gzip, too (`bundle.js.gz`). Ends with 1 and a sentence
+where modules can't be put together.
 """
 
 import gzip

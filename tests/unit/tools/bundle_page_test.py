@@ -39,8 +39,8 @@ class BundlePageTest(unittest.TestCase):
             (web / name).write_text(text)
         done = subprocess.run([sys.executable, SCRIPT, output, *(web / name for name in files)],
                               text=True, capture_output=True, check=False)
-        return done, {path.relative_to(output).as_posix(): path.read_bytes() if path.suffix == ".gz" else path.read_text()
-                      for path in output.rglob("*.*")}
+        return done, {path.relative_to(output).as_posix():
+                      path.read_bytes() if path.suffix == ".gz" else path.read_text() for path in output.rglob("*.*")}
 
     def assert_refused(self, files, *words):
         done, made = self.run_it({**FILES, **files})
@@ -87,7 +87,8 @@ class BundlePageTest(unittest.TestCase):
         self.assert_refused({"index.html": PAGE.replace("page.js", "main.js")}, "index.html", 'src="page.js"')
 
     def test_the_real_page_is_a_module_without_imports(self):
-        paths = sorted(path for pattern in ("*.html", "*.js", "view/*.js", "*.css", "*.svg") for path in WEB.glob(pattern))
+        patterns = ("*.html", "*.js", "view/*.js", "*.css", "*.svg")
+        paths = sorted(path for pattern in patterns for path in WEB.glob(pattern))
         done, made = self.run_it({path.relative_to(WEB).as_posix(): path.read_text() for path in paths})
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(re.findall(r"^(?:import|export \{|export \*).*", made["bundle.js"], re.MULTILINE), [])
