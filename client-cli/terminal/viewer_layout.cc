@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/picture_file/picture_scaling.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
