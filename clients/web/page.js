@@ -48,6 +48,7 @@ byId('fold', HTMLElement).onclick = (event) => {
   const isFolded = document.body.classList.toggle('folded');
   /** @type {HTMLElement} */ (event.currentTarget).setAttribute('aria-expanded', String(!isFolded));
   redraw();
+  shown.refit();
 };
 
 let hashTimer = 0;

@@ -200,15 +200,12 @@ const toHash = (words) => words.map(([name, value]) =>
 export const stateToHash = (state) => toHash(stateToWords(state));
 
 /**
- * A shorter one for links: many labels with the colours of the dataset are one word, `labels=1-45`, which only pages read.
+ * A shorter one for links: labels with the colours of the dataset are one word, `labels=1-45`, which only pages read.
  * @param {FrameRequest} state @param {any} dataset
  */
 export function stateToLink(state, dataset) {
   const surfaces = state.surfaces ?? [];
   const { listed, rest } = listedLabels(surfaces.filter(isOfLabels), dataset);
-  if (listed.length === 0) {
-    return stateToHash(state);
-  }
   const words = stateToWords(state).filter(([name]) => name !== 'label');
   const first = words.findIndex(([name]) => !['dataset', 'field', 'step', 'time', 'surface'].includes(name));
   const labels = stateToWords({ surfaces: rest }).filter(([name]) => name === 'label');
