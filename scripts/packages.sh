@@ -9,7 +9,7 @@
 
 # Packages to build and run the programs.
 ISOSCOPE_BUILD_PACKAGES=(
-  build-essential cmake ninja-build ccache pkg-config ca-certificates
+  build-essential cmake ninja-build ccache pkg-config ca-certificates python3
   libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev

@@ -7,7 +7,8 @@
 // goes on, while nothing else is on its way.
 //
 // EndEarly cancels them too, and sends the client the reason. An alarm calls it for a client that
-// is too slow (pace_alarm), and the watch of a token that is withdrawn.
+// is too slow (pace_alarm), and the watch of a token that is withdrawn. Both ring a bell, and never
+// own the call: their threads may outlive its service.
 
 #include <atomic>
 #include <cstddef>
@@ -32,6 +33,7 @@
 #include "rpc/signs_of_life.h"
 #include "rpc/write_queue.h"
 #include "server/admission/coordinator_memory.h"
+#include "server/call/bell.h"
 #include "server/call/call_work.h"
 #include "server/call/public_call.h"
 #include "server/cluster/served_levels.h"
@@ -91,13 +93,8 @@ class IsosurfaceServiceImpl::ExportCall final
       outgoing_.Finish(admitted);
       return;
     }
-    watch_.emplace(call_.caller().WhenWithdrawn([weak = weak_from_this()] {
-      if (const std::shared_ptr<ExportCall> self = weak.lock()) {
-        const base::MutexLock lock(&self->end_mutex_);
-        self->EndEarly(CutReason::kTokenWithdrawn, WithdrawnError());
-        self->call_.timeout().Start(kMaxLastWriteDuration);
-      }
-    }));
+    withdrawal_.Hang([this] { EndWithdrawn(); });
+    watch_.emplace(call_.caller().WhenWithdrawn(withdrawal_.Rope()));
     signs_.Start(options_.sign_of_life_interval,
                  [this] { outgoing_.PushIfIdle([this] { return BeginMessage(); }); });
     work_.Schedule([self = shared_from_this()](const absl::Status& turn) { self->Run(turn); });
@@ -120,8 +117,8 @@ class IsosurfaceServiceImpl::ExportCall final
     call_.timeout().Stop();
     signs_.Stop();
     pace_.Stop();
+    withdrawal_.Silence();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
-    const base::MutexLock lock(&end_mutex_);  // the service may be destroyed after this
   }
 
  private:
@@ -316,13 +313,19 @@ class IsosurfaceServiceImpl::ExportCall final
   // Ends the export after the chunk that is on its way, with a reason for the client.
   void EndEarly(CutReason reason, const absl::Status& status)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(end_mutex_) {
-    if (pace_.is_stopped() || !end_.ok()) {
+    if (!end_.ok()) {
       return;
     }
     end_ = status;
     call_.CountCut(reason);
     outgoing_.Finish(status);  // first: the errors of the stopped streams say less
     work_.Cancel();
+  }
+
+  void EndWithdrawn() ABSL_LOCKS_EXCLUDED(end_mutex_) {
+    const base::MutexLock lock(&end_mutex_);
+    EndEarly(CutReason::kTokenWithdrawn, WithdrawnError());
+    call_.timeout().Start(kMaxLastWriteDuration);
   }
 
   void JudgePace() ABSL_LOCKS_EXCLUDED(end_mutex_) {
@@ -354,6 +357,7 @@ class IsosurfaceServiceImpl::ExportCall final
   PublicCall call_;
   // Its memory is kept until the client has the last chunk: many slow clients hold as many queues.
   CallWork work_;
+  Bell withdrawal_;
   std::optional<WithdrawalWatch> watch_;
   wire::ExportSpec spec_;  // set before Run
   mutable base::Mutex begun_mutex_;
@@ -363,7 +367,7 @@ class IsosurfaceServiceImpl::ExportCall final
   rpc::SignsOfLife signs_;
   rpc::WriteQueue<v1::ExportIsosurfaceResponse> outgoing_;
   std::atomic<std::size_t> sent_bytes_{0};
-  base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; always locked first
+  base::Mutex end_mutex_;  // held while an alarm or a watch ends the export; locked after a bell
   absl::Status end_ ABSL_GUARDED_BY(end_mutex_);  // why it was ended early
   std::shared_ptr<ExportCall> self_;              // reset by OnDone
 };

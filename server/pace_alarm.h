@@ -16,20 +16,19 @@
 #include "core/base/mutex.h"
 #include "rpc/grpc_time.h"
 #include "server/admission/export_pace.h"
+#include "server/call/bell.h"
 
 namespace isoscope::server {
 
 // Thread-safe. Part of a call's reactor, which calls Stop in OnDone. gRPC's threads keep a callback
-// for a while after its alarm: so a callback has only the bell, which outlives the call and its
-// service, and what rings is gone after Stop.
+// for a while after its alarm: so a callback has a rope of the bell only.
 class PaceAlarm {
  public:
   // Judges from now on. `ring` is called on gRPC's threads until Stop, and then calls Judge.
   void Start(const ExportLimits& limits, std::function<void()> ring) ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock bell_lock(&bell_->mutex);
+    bell_.Hang(std::move(ring));
     const base::MutexLock lock(&mutex_);
     if (!is_stopped_) {
-      bell_->ring = std::move(ring);
       pace_.emplace(limits, base::MonotonicNow());
       SetAlarm();
     }
@@ -62,40 +61,25 @@ class PaceAlarm {
   // Waits for a `ring` in work; afterwards nothing rings, and the function is gone. The caller holds
   // no lock that `ring` takes.
   void Stop() ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock bell_lock(&bell_->mutex);
-    bell_->ring = nullptr;
+    bell_.Silence();
     const base::MutexLock lock(&mutex_);
     is_stopped_ = true;
     alarm_.reset();
-  }
-  [[nodiscard]] bool is_stopped() ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock lock(&mutex_);
-    return is_stopped_;
   }
 
  private:
   void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(pace_->NextJudgement(base::MonotonicNow()), [bell = bell_](bool rang) {
-      if (!rang) {
-        return;  // maybe within Stop
-      }
-      const base::MutexLock lock(&bell->mutex);
-      if (bell->ring != nullptr) {
-        bell->ring();
+    alarm_->Set(pace_->NextJudgement(base::MonotonicNow()), [rope = bell_.Rope()](bool rang) {
+      if (rang) {  // else maybe within Stop
+        rope();
       }
     });
   }
 
-  // Locked before mutex_.
-  struct Bell {
-    base::Mutex mutex;
-    std::function<void()> ring ABSL_GUARDED_BY(mutex);
-  };
-
   base::Mutex mutex_;
   std::optional<ExportPace> pace_ ABSL_GUARDED_BY(mutex_);  // none: before Start
-  const std::shared_ptr<Bell> bell_ = std::make_shared<Bell>();
+  Bell bell_;                                               // rings without mutex_
   std::size_t in_flight_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;

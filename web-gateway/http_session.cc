@@ -285,6 +285,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
                       .token = user_token_,
                       .caller = Caller(),
                       .if_none_match = request().List("If-None-Match"),
+                      .accept_encoding = request().List("Accept-Encoding"),
                       .body = std::move(request().body)};
     cancellation_ = std::make_shared<RequestScope>(identity_);
     stream_->WatchPeer([cancellation = cancellation_] { cancellation->Cancel(); });

@@ -20,6 +20,7 @@
 #include "absl/strings/strip.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
 #include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
@@ -216,7 +217,7 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& nam
   in_source_group(
       AddFlag(set, "--label-names", "FILE", &flags->label_names, ParseText,
               "names and colours of sample values, in place of those of the file: lines of a "
-              "FreeSurfer colour table, of an ITK-SNAP label description, or "
+              "FreeSurfer colour table, of an ITK-SNAP label description, of a list of MRIcron, or "
               "VALUE,NAME[,#rrggbb]"));
 }
 
@@ -359,6 +360,13 @@ absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const source::OpenRequ
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string file, source::PathOfLabels(request));
   absl::StatusOr<std::vector<volume::Label>> labels = source::ReadSourceLabels(file);
+  const std::optional<std::string> beside = source::LabelNamesBeside(file);
+  if (labels.ok() && labels->empty() && beside.has_value()) {
+    labels = source::ReadLabelNames(*beside);
+    if (labels.ok() && err != nullptr) {
+      *err << "isoscope: labels have the names of " << base::Printable(*beside) << std::endl;
+    }
+  }
   if (labels.ok()) {
     return labels;
   }

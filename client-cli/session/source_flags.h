@@ -76,8 +76,9 @@ std::string AsTyped(const SourceFlags& flags, const SourceFlagNames& names = {})
 // holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const source::OpenRequest& request);
 
-// Returns the names and colours of labels: those of label_names, else those that the file has.
-// Labels of the file that are damaged are reported on `err`, which may be null, and passed over.
+// Returns the names and colours of labels: those of label_names, else those that the file has,
+// else those of a file beside it (LabelNamesBeside), which is said on `err`. Labels of these two
+// that are damaged are reported there and passed over. `err` may be null.
 // Errors as source::ReadLabelNames.
 absl::StatusOr<std::vector<volume::Label>> LabelsOfSource(const source::OpenRequest& request,
                                                           std::ostream* err);

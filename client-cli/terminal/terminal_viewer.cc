@@ -12,6 +12,7 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstddef>
@@ -19,6 +20,7 @@
 #include <memory>
 #include <optional>
 #include <ostream>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -43,6 +45,7 @@
 #include "core/base/mutex.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/table.h"
 #include "isoscope/v1/interact_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "wire/first_look.h"
@@ -297,31 +300,21 @@ std::string Viewer::DescribeSurfaces() const {
 }
 
 std::string Viewer::StatusLine() const {
-  std::string text = absl::StrCat(" ", dataset_name_, "   ", DescribeSurfaces());
-  if (!message_.empty()) {
-    absl::StrAppend(&text, "   ", message_);
-  } else if (last_) {
+  std::string figures;
+  if (last_) {
     const v1::RenderIsosurfaceResponse& frame = last_->frame();
-    absl::StrAppend(&text, "   ", frame.extent().width_px(), " x ", frame.extent().height_px(),
+    absl::StrAppend(&figures, frame.extent().width_px(), " x ", frame.extent().height_px(),
                     frame.drawn_level().level() > 0
                         ? absl::StrCat(" ", client::TextOfLevel(frame.drawn_level()))
                     : last_->is_exact() ? " exact"
                                         : "");
     if (latency_) {
-      absl::StrAppendFormat(&text, "   %.0f ms", absl::ToDoubleMilliseconds(*latency_));
+      absl::StrAppendFormat(&figures, "   %.0f ms", absl::ToDoubleMilliseconds(*latency_));
     }
   }
-  // Names and messages come from outside: they must not contain terminal commands.
-  text = base::Printable(text);
-  const std::string keys = "? help  q quit ";
-  const auto columns = static_cast<std::size_t>(layout_.terminal.columns);
-  text.resize(columns, ' ');
-  if (columns > keys.size() + 40) {
-    text.replace(columns - keys.size(), keys.size(), keys);
-  }
-  // Cutting may have left an incomplete character.
-  return absl::StrCat("\x1B[", layout_.terminal.rows, ";1H\x1B[0;7m", base::Printable(text),
-                      "\x1B[0m");
+  const std::string text = StatusText(absl::StrCat(dataset_name_, "   ", DescribeSurfaces()),
+                                      message_, figures, layout_.terminal.columns);
+  return absl::StrCat("\x1B[", layout_.terminal.rows, ";1H\x1B[0;7m", text, "\x1B[0m");
 }
 
 absl::Status Viewer::DrawLast() {
@@ -370,6 +363,12 @@ absl::Status Viewer::TakeCamera(const v1::InteractResponse& answer) {
 absl::Status Viewer::DrawHelp() {
   std::string text = absl::StrCat(kBeginUpdate, Clear(), "\x1B[H\r\n  ");
   absl::StrAppend(&text, absl::StrReplaceAll(DescribeKeys(), {{"\n", "\r\n  "}}));
+  if (!message_.empty()) {
+    // The whole of what the last row may have cut.
+    const auto width = static_cast<std::size_t>(std::max(1, layout_.terminal.columns - 4));
+    absl::StrAppend(&text, "\r\n  ",
+                    absl::StrJoin(WrapText(base::Printable(message_), width), "\r\n  "));
+  }
   return WriteToTerminal(tty_, absl::StrCat(text, StatusLine(), kEndUpdate));
 }
 

@@ -1,9 +1,14 @@
 #include "client-cli/terminal/viewer_layout.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
+#include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/picture_file/picture_scaling.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/image/jpeg_codec.h"
 #include "core/image/png_codec.h"
@@ -29,11 +34,58 @@ view::Viewport ScaledToSide(const view::Viewport& size, int max_side) {
           .height_px = std::max(1, static_cast<int>(size.height_px * scale))};
 }
 
+constexpr absl::string_view kKeys = "  ? help  q quit ";
+// Narrower windows say no keys.
+constexpr std::size_t kLeastRoom = 40;
+
+bool BeginsCharacter(char byte) { return (static_cast<unsigned char>(byte) & 0xc0U) != 0x80; }
+
+std::size_t CharactersOf(absl::string_view utf8) {
+  return static_cast<std::size_t>(std::count_if(utf8.begin(), utf8.end(), BeginsCharacter));
+}
+
+// The first `count` characters.
+absl::string_view Front(absl::string_view utf8, std::size_t count) {
+  std::size_t end = 0;
+  for (; end < utf8.size(); ++end) {
+    if (BeginsCharacter(utf8[end]) && count-- == 0) {
+      break;
+    }
+  }
+  return utf8.substr(0, end);
+}
+
+// `text` in exactly `room` characters.
+std::string Filled(absl::string_view text, std::size_t room) {
+  constexpr absl::string_view kCut = "...";
+  const std::size_t count = CharactersOf(text);
+  if (count <= room) {
+    return absl::StrCat(text, std::string(room - count, ' '));
+  }
+  return room <= kCut.size() ? std::string(kCut.substr(0, room))
+                             : absl::StrCat(Front(text, room - kCut.size()), kCut);
+}
+
 absl::StatusOr<image::RgbaImage> Decode(const v1::RenderIsosurfaceResponse& frame) {
   return frame.png().empty() ? image::DecodeJpeg(frame.jpeg()) : image::DecodePng(frame.png());
 }
 
 }  // namespace
+
+std::string StatusText(absl::string_view shown, absl::string_view message,
+                       absl::string_view figures, int columns) {
+  const auto width = static_cast<std::size_t>(std::max(0, columns));
+  const absl::string_view keys = width >= kLeastRoom + kKeys.size() ? kKeys : "";
+  const std::size_t room = width - keys.size();
+  // Names and messages come from outside.
+  std::string text =
+      base::Printable(absl::StrCat(" ", shown, message.empty() && figures.empty() ? "" : "   ",
+                                   message.empty() ? figures : message));
+  if (!message.empty() && CharactersOf(text) > room) {
+    text = base::Printable(absl::StrCat(" ", message));
+  }
+  return absl::StrCat(Filled(text, room), keys);
+}
 
 view::Viewport CellOf(const TerminalSize& terminal) {
   if (terminal.pixels.width_px == 0) {

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "client-cli/terminal/terminal.h"
 #include "client-cli/terminal/terminal_picture.h"
@@ -27,6 +28,12 @@ struct ViewerLayout {
 // Pictures have the pixels of the window, up to a limit that keeps them fast. For half blocks they
 // have up to four times as many, so that edges are smooth.
 ViewerLayout LayoutOf(PictureFormat format, const TerminalSize& terminal);
+
+// What the last row says: `shown`, then `message`, or `figures` if that is empty, and
+// the keys at the right where there is room. A long message stands without `shown`. What is cut ends
+// with "...". Exactly `columns` characters, without terminal commands, whatever the texts have.
+std::string StatusText(absl::string_view shown, absl::string_view message,
+                       absl::string_view figures, int columns);
 
 // Returns the bytes that draw a frame of any size at the upper left corner. `image_number`: for
 // kitty. Errors of decoding and of SixelPicture.

@@ -32,7 +32,7 @@ const filmNote = byId('film-note', HTMLElement);
 const saveFilm = byId('save-film', HTMLButtonElement);
 const saveMesh = byId('save-mesh', HTMLButtonElement);
 const meshFormat = byId('mesh-format', HTMLSelectElement);
-const commandOf = byId('command-of', HTMLSelectElement);
+const madeOf = byId('command-of', HTMLSelectElement);
 const copyCommand = byId('copy-command', HTMLButtonElement);
 const commandHint = byId('command-hint', HTMLElement);
 
@@ -160,10 +160,10 @@ export function listenToDownloads(series) {
    */
   function commandOfDialog() {
     const source = { file: fileOf(shown.dataset, abilities.gatewayAddress, location.href), hasToken: client.token !== '' };
-    if (commandOf.value === 'mesh') {
+    if (madeOf.value === 'mesh') {
       return { command: meshToCommand(series.pinned(shown.getState()), meshFormat.value, source), verb: 'writes this mesh' };
     }
-    if (commandOf.value === 'film') {
+    if (madeOf.value === 'film') {
       const film = filmOfDialog();
       const why = whyNoSuchFilm(film);
       const command = why ? null : filmToCommand(film, series.steps.map(({ number }) => number), stateOfDialog(), source, drawnOfFilm());
@@ -202,7 +202,7 @@ export function listenToDownloads(series) {
     drawDialog();
   };
   for (const input of [page.saveSamples, page.transparent, axes, scaleBar, legend, caption, filmFormat, filmKind, filmFrames, filmStride, filmRate,
-    meshFormat, commandOf]) {
+    meshFormat, madeOf]) {
     input.oninput = drawDialog;
   }
   // The server sends the camera of a view that is being fitted.

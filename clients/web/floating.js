@@ -4,7 +4,7 @@
 /** An arrow key moves a panel so far, in CSS pixels. */
 const STEP_PX = 16;
 /** @type {Record<string, [number, number]>} */
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const STEPS_OF_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /**
  * Keeps a panel within what surrounds it.
@@ -31,7 +31,7 @@ export function makeMovable(panel, handle) {
   handle.addEventListener('pointerup', end);
   handle.addEventListener('pointercancel', end);
   handle.addEventListener('keydown', (event) => {
-    const arrow = event.target === handle ? ARROWS[event.key] : undefined;
+    const arrow = event.target === handle ? STEPS_OF_ARROWS[event.key] : undefined;
     if (arrow) {
       event.preventDefault();
       place(panel, panel.offsetLeft + STEP_PX * arrow[0], panel.offsetTop + STEP_PX * arrow[1]);

@@ -18,7 +18,7 @@ const MOVES = [
 
 const dialog = byId('help', HTMLDialogElement);
 
-function show() {
+function showHelp() {
   byId('help-version', HTMLElement).textContent = abilities.version ? `Isoscope ${abilities.version}` : 'Isoscope, of a version that does not tell';
   if (!dialog.open) {
     dialog.showModal();
@@ -28,12 +28,12 @@ function show() {
 export function listenToHelp() {
   byId('help-moves', HTMLElement).replaceChildren(...MOVES.map(([title, moves]) => make('section', {}, make('h3', {}, title),
     make('dl', {}, ...moves.flatMap(([move, does]) => [make('dt', {}, move), make('dd', {}, does)])))));
-  byId('help-open', HTMLElement).onclick = show;
+  byId('help-open', HTMLElement).onclick = showHelp;
   document.addEventListener('keydown', (event) => {
     const isInText = /** @type {Element} */ (event.target).closest('input:is([type=number], [type=text], [type=search], [type=password]), textarea, select, dialog, form');
     if (event.key === '?' && !event.ctrlKey && !event.metaKey && !isInText) {
       event.preventDefault();
-      show();
+      showHelp();
     }
   });
 }

@@ -12,7 +12,8 @@
 // 4. A frame whose camera is the current one is drawn unchanged, pixel by pixel.
 //
 // The parts are the modules of view/. They import each other by name and export by `export` before a
-// declaration, and their names differ: so _viewer_module.py of the Python client can make one module of all.
+// declaration, and their names differ, also from those of the page: so _viewer_module.py of the Python client can make
+// one module of all, for a notebook cell and for the gateway's page.
 //
 // Angles are radians, lengths world units, pixels those of the device, unless a name says otherwise.
 // @ts-check

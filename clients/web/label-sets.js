@@ -198,27 +198,42 @@ export function foundLabels(labels, text) {
 
 // ---- short links ----
 
-/** So many surfaces of single labels are worth a word of their own in a link. */
-const MIN_LISTED = 4;
+/**
+ * Whether a surface has the colour that the dataset gives its first label, of any opacity.
+ * @param {any} surface @param {any} dataset
+ */
+function hasOwnColor({ labels, color }, dataset) {
+  const own = colorOfLabel(dataset, labels[0]);
+  return !color || ((color.red ?? 0) === own.red && (color.green ?? 0) === own.green && (color.blue ?? 0) === own.blue);
+}
+
+/**
+ * A word can't tell an opacity without a colour.
+ * @param {any} surface @param {any} dataset
+ */
+function withoutOwnColor(surface, dataset) {
+  const { color, ...rest } = surface;
+  return color?.alpha === 1 && hasOwnColor(surface, dataset) ? rest : surface;
+}
 
 /**
  * Splits the surfaces of labels for a link: `listed` are words "1-45,47:0.5", each a run of single labels of one
- * opacity; `rest` have words of their own. Those of `rest` that `listed` has, too, have another colour than the dataset's.
+ * opacity; `rest` have words of their own, those with the colours of the dataset without them. Those of `rest` that `listed`
+ * has, too, have another colour.
  * @param {any[]} surfaces of labels @param {any} dataset @returns {{listed: string[], rest: any[]}}
  */
 export function listedLabels(surfaces, dataset) {
   const end = surfaces.findIndex((one) => one.labels.length !== 1);
   const singles = end < 0 ? surfaces : surfaces.slice(0, end);
-  if (singles.length < MIN_LISTED) {
-    return { listed: [], rest: surfaces };
+  if (!singles.some((one) => hasOwnColor(one, dataset))) {
+    return { listed: [], rest: surfaces.map((one) => withoutOwnColor(one, dataset)) };  // one word for each, not two
   }
   /** @type {{values: number[], alpha: number}[]} */
   const runs = [];
   const others = [];
   for (const one of singles) {
     const [value] = one.labels;
-    const own = colorOfLabel(dataset, value, one.color?.alpha ?? 0);
-    const hasOwn = !one.color || (one.color.red ?? 0) === own.red && (one.color.green ?? 0) === own.green && (one.color.blue ?? 0) === own.blue;
+    const hasOwn = hasOwnColor(one, dataset);
     // Another colour makes no new run: its word gives the opacity, too.
     const last = runs.at(-1);
     const alpha = one.color ? one.color.alpha ?? 0 : 1;
@@ -232,7 +247,7 @@ export function listedLabels(surfaces, dataset) {
     }
   }
   return { listed: runs.map(({ values, alpha }) => `${textOfValues(values)}${alpha === 1 ? '' : `:${alpha}`}`),
-    rest: [...others, ...surfaces.slice(singles.length)] };
+    rest: [...others, ...surfaces.slice(singles.length).map((one) => withoutOwnColor(one, dataset))] };
 }
 
 /**

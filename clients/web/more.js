@@ -7,28 +7,28 @@ const menu = byId('more', HTMLElement);
 const opener = byId('more-open', HTMLButtonElement);
 
 /** @param {boolean} isOpen */
-function show(isOpen) {
+function showMenu(isOpen) {
   menu.classList.toggle('open', isOpen);
   opener.setAttribute('aria-expanded', String(isOpen));
 }
 
 export function listenToMore() {
-  opener.onclick = () => show(!menu.classList.contains('open'));
+  opener.onclick = () => showMenu(!menu.classList.contains('open'));
   document.addEventListener('pointerdown', (event) => {
     if (!(/** @type {Element} */ (event.target).closest('#more, #more-open'))) {
-      show(false);
+      showMenu(false);
     }
   });
   document.addEventListener('keydown', (event) => {
     if (event.key === 'Escape' && menu.classList.contains('open')) {
-      show(false);
+      showMenu(false);
       opener.focus();
     }
   });
   // Undo and redo are pressed several times.
   menu.addEventListener('click', (event) => {
     if (!(/** @type {Element} */ (event.target).closest('.pair'))) {
-      show(false);
+      showMenu(false);
     }
   });
 }

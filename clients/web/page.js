@@ -48,6 +48,7 @@ byId('fold', HTMLElement).onclick = (event) => {
   const isFolded = document.body.classList.toggle('folded');
   /** @type {HTMLElement} */ (event.currentTarget).setAttribute('aria-expanded', String(!isFolded));
   redraw();
+  shown.refit();
 };
 
 let hashTimer = 0;
@@ -105,13 +106,13 @@ function factsOf(dataset) {
  * they are omitted if the rest is unique.
  * @param {string} name @param {{name: string}[]} datasets
  */
-function labelOf(name, datasets) {
+function shortNameOf(name, datasets) {
   const short = (/** @type {string} */ text) => text.replace(/-[0-9a-f]{16}$/, '');
   return datasets.filter((other) => short(other.name) === short(name)).length > 1 ? name : short(name);
 }
 
 function drawDatasets() {
-  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
+  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, shortNameOf(dataset.name, datasets))));
 }
 
 /**
@@ -186,7 +187,7 @@ function offer(state) {
   page.choice.replaceChildren(make('p', {}, sentence), make('ul', {}, ...datasets.map(({ name }) => make('li', {},
     make('button', { className: 'button', title: name, onclick: () => {
       open(short(name) === short(wanted) ? { ...state, dataset: name } : { dataset: name }, []);
-    } }, labelOf(name, datasets))))));
+    } }, shortNameOf(name, datasets))))));
   announcer.say(sentence);
 }
 
@@ -248,7 +249,7 @@ function drawViews() {
   }
 }
 
-function drawControls() {
+function drawAll() {
   if (shown.dataset) {
     page.facts.textContent = factsOf(shown.dataset);
   }
@@ -301,13 +302,13 @@ shown.addEventListener('status', (event) => {
   pillChanged();
 });
 let isMoving = false;
-let restTimer = 0;
+let stillTimer = 0;
 /** Whether the picture follows something: what is drawn at rest moves no more. */
 const moves = () => isMoving || series.isPlaying;
 shown.addEventListener('state', (event) => {
   ({ isMoving } = /** @type {CustomEvent} */ (event).detail);
-  clearTimeout(restTimer);
-  restTimer = window.setTimeout(() => {
+  clearTimeout(stillTimer);
+  stillTimer = window.setTimeout(() => {
     isMoving = false;
     pillChanged();
   }, 500);
@@ -343,7 +344,7 @@ function drawPill() {
   }
 }
 
-drawControlsBy(drawControls);
+drawControlsBy(drawAll);
 listenToHistogram();
 listenToLabels();
 listenToLook();

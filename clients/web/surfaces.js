@@ -19,7 +19,7 @@ function isListed(surface) {
 }
 
 /** @param {number} i the surface's place in the state @param {string} names of its labels; '': it has an isovalue */
-function rowOf(i, names) {
+function rowOfSurface(i, names) {
   /** @param {string} hex @param {number} [alpha] */
   const paint = (hex, alpha) => {
     const now = shown.state.surfaces[i].color ?? fromHex(PALETTE[0]);
@@ -48,7 +48,7 @@ export function drawSurfaces() {
   const form = JSON.stringify(rows.map(({ i, names }) => [i, names]));
   if (form !== surfacesDrawn) {
     surfacesDrawn = form;
-    page.surfaces.replaceChildren(...rows.map(({ i, names }) => rowOf(i, names)));
+    page.surfaces.replaceChildren(...rows.map(({ i, names }) => rowOfSurface(i, names)));
   }
   rows.forEach(({ surface }, at) => {
     const row = page.surfaces.children[at];

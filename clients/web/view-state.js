@@ -103,7 +103,7 @@ function colorByToWords(colorBy) {
 }
 
 /** @type {Record<string, string>} */
-const FITS = { CAMERA_FIT_SURFACE: 'surface', CAMERA_FIT_CELLS: 'cells' };
+const FIT_WORDS = { CAMERA_FIT_SURFACE: 'surface', CAMERA_FIT_CELLS: 'cells' };
 
 // ---- the first look ----
 
@@ -157,7 +157,7 @@ const FLAG_VALUES = {
   up: ({ camera }) => camera ? [vec(camera.up)] : [],
   'fov-y': ({ camera }) => camera && !camera.orthographic ? [String(camera.perspective?.fovYDegrees ?? 30)] : [],
   'orthographic-height': ({ camera }) => camera?.orthographic ? [String(camera.orthographic.height ?? 0)] : [],
-  fit: ({ cameraFit }) => FITS[cameraFit] ? [FITS[cameraFit]] : [],
+  fit: ({ cameraFit }) => FIT_WORDS[cameraFit] ? [FIT_WORDS[cameraFit]] : [],
   'clip-plane': ({ clip }) => (clip?.halfSpaces ?? []).map((/** @type {any} */ plane) => `${vec(plane.normal)},${plane.offset ?? 0}`),
   'clip-box': ({ clip }) => clip?.box
     ? [['x', 'y', 'z'].map((axis) => `${clip.box.min?.[axis] ?? 0},${clip.box.max?.[axis] ?? 0}`).join()] : [],
@@ -205,15 +205,12 @@ const toHash = (words) => words.map(([name, value]) =>
 export const stateToHash = (state) => toHash(stateToWords(state));
 
 /**
- * A shorter one for links: many labels with the colours of the dataset are one word, `labels=1-45`, which only pages read.
+ * A shorter one for links: labels with the colours of the dataset are one word, `labels=1-45`, which only pages read.
  * @param {FrameRequest} state @param {any} dataset
  */
 export function stateToLink(state, dataset) {
   const surfaces = state.surfaces ?? [];
   const { listed, rest } = listedLabels(surfaces.filter(isOfLabels), dataset);
-  if (listed.length === 0) {
-    return stateToHash(state);
-  }
   const words = stateToWords(state).filter(([name]) => name !== 'label');
   const first = words.findIndex(([name]) => !['dataset', 'field', 'step', 'time', 'surface'].includes(name));
   const labels = stateToWords({ surfaces: rest }).filter(([name]) => name === 'label');
@@ -529,7 +526,7 @@ const WORDS = {
     const height = link.numbers('orthographic-height', value, 1);
     link.camera.orthographic = height && { height: height[0] };
   },
-  fit: (link, value) => { link.state.cameraFit = Object.keys(FITS).find((fit) => FITS[fit] === value); },
+  fit: (link, value) => { link.state.cameraFit = Object.keys(FIT_WORDS).find((fit) => FIT_WORDS[fit] === value); },
   'clip-plane': (link, value) => {
     const v = link.numbers('clip-plane', value, 4);
     if (v) {

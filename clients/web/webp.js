@@ -23,7 +23,7 @@ const little = (value, count) => Array.from({ length: count }, (_, i) => Math.fl
 /** @param {string} text */
 const letters = (text) => Array.from(text, (letter) => letter.charCodeAt(0));
 /** @param {string} type @param {number[]} data of an even count */
-const chunkOf = (type, data) => [...letters(type), ...little(data.length, 4), ...data];
+const riffOf = (type, data) => [...letters(type), ...little(data.length, 4), ...data];
 
 /**
  * @param {Uint8Array} webp @returns {{width: number, height: number, hasAlpha: boolean, bytes: Uint8Array} | null} the chunk
@@ -99,8 +99,8 @@ export class WebpWriter {
     if (this.#parts.length !== this.#frameCount) {
       throw new Error(`An animation of ${this.#frameCount} frames was given ${this.#parts.length}.`);
     }
-    const head = [...chunkOf('VP8X', [FLAG_ANIMATION + (this.#hasAlpha ? FLAG_ALPHA : 0), 0, 0, 0, ...little(this.#width - 1, 3), ...little(this.#height - 1, 3)]),
-      ...chunkOf('ANIM', little(0, 6))];
+    const head = [...riffOf('VP8X', [FLAG_ANIMATION + (this.#hasAlpha ? FLAG_ALPHA : 0), 0, 0, 0, ...little(this.#width - 1, 3), ...little(this.#height - 1, 3)]),
+      ...riffOf('ANIM', little(0, 6))];
     const size = this.#parts.reduce((sum, part) => sum + part.size, letters('WEBP').length + head.length);
     if (size > MAX_RIFF_BYTES) {
       throw new Error('A WebP has less than 4 GiB: make the film smaller or shorter.');

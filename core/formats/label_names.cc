@@ -4,6 +4,7 @@
 // 2. CSV: two or three cells. A quotation mark inside a quoted cell is written twice.
 // 3. Colour table, as FreeSurfer writes it: a number, a name, four numbers. The last four words are
 //    the numbers, so the name may have spaces.
+// 4. List, as MRIcron has it: a number, a name of one word that is no number, and maybe a number.
 //
 // Empty lines, lines that begin with # and a first line of words are passed over. A value may occur
 // once. Its line is kept until the end, for the message about a second one.
@@ -45,7 +46,8 @@ constexpr std::int64_t kMaxFileBytes = 16 * base::kMiB;
 constexpr std::size_t kMaxQuotedBytes = 80;
 constexpr const char* kForms =
     "expected VALUE NAME RED GREEN BLUE ALPHA of a colour table, VALUE RED GREEN BLUE OPACITY "
-    "VISIBLE MESH \"NAME\" of a label description, or VALUE,NAME[,#rrggbb]";
+    "VISIBLE MESH \"NAME\" of a label description, VALUE NAME [NUMBER] of a list, or "
+    "VALUE,NAME[,#rrggbb]";
 
 std::optional<double> NumberIn(absl::string_view word) {
   double value = 0;
@@ -108,6 +110,21 @@ std::optional<Label> ParseTableLine(absl::string_view line) {
                .name = absl::StrJoin(words.begin() + 1,
                                      words.begin() + static_cast<std::ptrdiff_t>(numbers), " "),
                .color = color};
+}
+
+// 17 Hippocampus_L 4101
+std::optional<Label> ParseListLine(absl::string_view line) {
+  const LabelWords words = WordsOf(line);
+  if (words.size() < 2 || words.size() > 3 ||
+      line.find_first_of(",\"") != absl::string_view::npos) {
+    return std::nullopt;
+  }
+  const std::optional<double> value = NumberIn(words[0]);
+  // Two numbers are no label: tables of other things have such lines.
+  if (!value || NumberIn(words[1]) || (words.size() == 3 && !NumberIn(words[2]))) {
+    return std::nullopt;
+  }
+  return Label{.value = *value, .name = std::string(words[1]), .color = std::nullopt};
 }
 
 // The cells of a line of CSV, without white space around them and quotation marks; not set if a
@@ -175,7 +192,7 @@ bool IsCsvHead(absl::string_view line) {
 }
 
 std::optional<Label> ParseLine(absl::string_view line) {
-  for (const auto parse : {ParseDescriptionLine, ParseCsvLine, ParseTableLine}) {
+  for (const auto parse : {ParseDescriptionLine, ParseCsvLine, ParseTableLine, ParseListLine}) {
     if (std::optional<Label> label = parse(line)) {
       return label;
     }
@@ -233,6 +250,18 @@ absl::StatusOr<std::vector<Label>> ParseLabelNames(absl::string_view text,
 absl::StatusOr<std::vector<Label>> ReadLabelNames(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, io::ReadWholeFile(path, kMaxFileBytes));
   return ParseLabelNames(text, path);
+}
+
+std::optional<std::string> LabelNamesBeside(const std::string& path) {
+  const absl::string_view plain = absl::StripSuffix(path, ".gz");
+  if (!absl::EndsWith(plain, ".nii")) {
+    return std::nullopt;
+  }
+  std::string names = absl::StrCat(plain, ".txt");
+  if (!io::PathExists(names) || io::IsDirectory(names)) {
+    return std::nullopt;
+  }
+  return names;
 }
 
 }  // namespace isoscope::source

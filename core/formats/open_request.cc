@@ -26,6 +26,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/formats/find_volume.h"
+#include "core/formats/label_names.h"
 #include "core/formats/open_volume.h"
 #include "core/formats/refused_formats.h"
 #include "core/formats/source_labels.h"
@@ -265,6 +266,10 @@ absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request,
     if (std::optional<std::string> labels = FileOfSourceLabels(path, formats);
         labels.has_value() && std::find(files.begin(), files.end(), *labels) == files.end()) {
       files.push_back(*std::move(labels));
+    }
+    if (std::optional<std::string> names = LabelNamesBeside(path);
+        names.has_value() && request.label_names.empty()) {
+      files.push_back(*std::move(names));
     }
   }
   if (!request.label_names.empty()) {

@@ -13,8 +13,8 @@
 // The stream ends when the client closes its side, cancels, or sends a wrong message. It also ends
 // when the server stops, the token is withdrawn, or the stream makes room for another caller's
 // (CutOff). Then frames in work are cancelled and no new ones begin. Once neither frame nor write
-// is under way, the stream finishes. The call lives until OnDone, and as long as frames or alarms
-// refer to it.
+// is under way, the stream finishes. The call lives until OnDone, and as long as frames refer to it.
+// The alarm and the watch of the token ring bells: their threads may outlive the service.
 
 #include "server/interact/interact_service_impl.h"
 
@@ -35,6 +35,7 @@
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
 #include "rpc/grpc_time.h"
+#include "server/call/bell.h"
 #include "server/call/public_call.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/picture_job.h"
@@ -115,6 +116,7 @@ class InteractServiceImpl::InteractCall final
   // Begins to read, or ends with the error of admission. REQUIRES: a shared_ptr owns the call.
   void Start() {
     self_ = shared_from_this();
+    alarm_.Hang([this] { OnAlarm(); });
     const absl::Status admitted = Admit();
     if (admitted.ok()) {
       StartRead(&request_);
@@ -167,6 +169,8 @@ class InteractServiceImpl::InteractCall final
   void OnCancel() override { End(absl::CancelledError("the client cancelled the stream")); }
   void OnDone() override {
     call_.timeout().Stop();
+    alarm_.Silence();
+    withdrawal_.Silence();
     const std::shared_ptr<InteractCall> last_use = std::move(self_);
     streams_.Remove(Key(), last_use);
     const base::MutexLock lock(&mutex_);
@@ -184,11 +188,8 @@ class InteractServiceImpl::InteractCall final
     ISOSCOPE_ASSIGN_OR_RETURN(CallerSlot slot, call_.caller().Begin(CallerUse::kStream));
     ISOSCOPE_RETURN_IF_ERROR(streams_.Add(Key(), shared_from_this()));
     slot_.emplace(std::move(slot));
-    watch_.emplace(call_.caller().WhenWithdrawn([weak = weak_from_this()] {
-      if (const std::shared_ptr<InteractCall> self = weak.lock()) {
-        self->CutOff(CutReason::kTokenWithdrawn, WithdrawnError());
-      }
-    }));
+    withdrawal_.Hang([this] { CutOff(CutReason::kTokenWithdrawn, WithdrawnError()); });
+    watch_.emplace(call_.caller().WhenWithdrawn(withdrawal_.Rope()));
     return absl::OkStatus();
   }
 
@@ -415,9 +416,9 @@ class InteractServiceImpl::InteractCall final
       return;
     }
     wake_ = {.time = time, .alarm = std::make_unique<grpc::Alarm>()};
-    wake_.alarm->Set(time, [self = shared_from_this()](bool rang) {
+    wake_.alarm->Set(time, [rope = alarm_.Rope()](bool rang) {
       if (rang) {
-        self->OnAlarm();
+        rope();
       }
     });
   }
@@ -457,6 +458,8 @@ class InteractServiceImpl::InteractCall final
   InteractStreams<InteractCall>& streams_;
   PublicCall call_;
   std::optional<CallerSlot> slot_;
+  Bell alarm_;  // both ring without mutex_
+  Bell withdrawal_;
   std::optional<WithdrawalWatch> watch_;
   v1::InteractRequest request_;  // of the read under way
 

@@ -336,6 +336,19 @@ TEST_F(GatewayTest, FactsAreJson) {
   EXPECT_EQ(HeaderOf(page, "X-Content-Type-Options"), "nosniff");
 }
 
+TEST_F(GatewayTest, ABrowserKeepsTheModuleOfThePage) {
+  const std::string page = Get(address(), "/").body();
+  const std::size_t start = page.find("bundle.js?v=");
+  ASSERT_NE(start, std::string::npos);
+  const std::string target = absl::StrCat("/", page.substr(start, page.find('"', start) - start));
+  const auto module = Get(address(), target);
+  EXPECT_EQ(module.result_int(), 200U);
+  EXPECT_THAT(HeaderOf(module, "Cache-Control"), HasSubstr("immutable"));
+  EXPECT_THAT(HeaderOf(module, "Content-Security-Policy"), HasSubstr("default-src 'none'"));
+  EXPECT_EQ(Get(address(), target, {{"If-None-Match", HeaderOf(module, "ETag")}}).result_int(),
+            304U);
+}
+
 TEST_F(GatewayTest, PicksAndMeshesAreThoseOfTheService) {
   const auto pick =
       Post(address(), "/v1/datasets/d/pick",

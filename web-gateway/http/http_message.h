@@ -22,6 +22,7 @@ struct HttpRequest {
   std::string token = {};   // for the coordinator; empty: none
   std::string caller = {};  // identity of the caller, by token or address
   std::string if_none_match = {};
+  std::string accept_encoding = {};  // the header; empty: none
   std::string body = {};
 };
 

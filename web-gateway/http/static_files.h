@@ -1,4 +1,5 @@
-// The page and its files, which are part of the program: clients/web at the time of the build.
+// The page and its files, which are part of the program: clients/web at the time of the build,
+// with the page's modules as one (cmake/bundle_page.py).
 
 #ifndef ISOSCOPE_WEB_GATEWAY_HTTP_STATIC_FILES_H_
 #define ISOSCOPE_WEB_GATEWAY_HTTP_STATIC_FILES_H_
@@ -13,7 +14,7 @@
 namespace isoscope::gateway {
 
 struct StaticFile {
-  absl::string_view name;  // in clients/web: "index.html", "view/camera.js"
+  absl::string_view name;  // "index.html", "view/camera.js", "bundle.js", "bundle.js.gz"
   absl::string_view content;
 };
 
@@ -27,7 +28,13 @@ std::string ContentTypeOf(absl::string_view name);
 // and these may frame it. REQUIRES: origins as ParseOrigin returns them.
 std::string PagePolicy(const std::vector<std::string>& framing_origins);
 
+// Returns true if the header Accept-Encoding takes gzip: by its name, without a weight of 0.
+bool AcceptsGzip(absl::string_view accept_encoding);
+
 // Answers a request for the page ("/") or one of its files, with `policy`. 404 for any other path.
+// Caches may keep an answer whose address has the file's digest ("?v=..."), as index.html names
+// files; for any other they ask anew. Files that the build has compressed go out so to those who
+// accept gzip.
 HttpResponse ServeStaticFile(const HttpRequest& request, const std::string& policy);
 
 }  // namespace isoscope::gateway

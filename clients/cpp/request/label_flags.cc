@@ -278,7 +278,8 @@ void AddLabelFlags(cli::FlagSet* set, LabelFlags* flags, bool has_opacity) {
            "a surface for each label: each value of the samples but 0, if all are whole numbers; "
            "else each that has a name");
   set->AddSwitch("--smooth-labels", &flags->smooths,
-                 "make slopes of the steps between labels; neighbours still meet without gaps");
+                 "move vertices by at most a quarter of a sample: small steps between labels "
+                 "become slopes, long ones stay; neighbours still meet without gaps");
 }
 
 absl::Status CheckUsage(const LabelFlags& flags, std::size_t max_surfaces) {

@@ -121,7 +121,7 @@ def test_the_cell_stays_the_picture_for_another_origin_and_after_the_end(browser
         note = browser.execute_script("return document.querySelector('.isoscope-note').textContent")
         assert notebook.origin in note and "view(origin=...)" in note
         view = client["shells"].view(127.5, size=(200, 150), origin=notebook.origin)
-        view.snapshot()
+        view._repr_mimebundle_()
     show(browser, notebook, view)
     until(browser, "document.querySelector('.isoscope-note').textContent")
     assert browser.execute_script("return document.querySelector('img').naturalWidth") == 200

@@ -16,7 +16,7 @@ import types
 import pytest
 
 import isoscope
-from isoscope import _viewer_module, viewer
+from isoscope import _png, _viewer_module, viewer
 from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import interact_service_pb2 as interact_pb
 from isoscope.errors import InvalidArgumentError
@@ -77,7 +77,7 @@ def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(
     view = dataset.view(127.5, size=(120, 90))
     assert view.widget is None
     bundle = view._repr_mimebundle_()
-    png = dataset.render(127.5, size=(120, 90)).png
+    png = dataset.render(127.5, size=(120, 90), background=(0, 0, 0, 0)).png
     assert base64.b64decode(bundle["image/png"]) == png
     assert base64.b64encode(png).decode() in bundle["text/html"]
     assert "start the web gateway" in bundle["text/html"] and "<script" not in bundle["text/html"]
@@ -109,13 +109,15 @@ def test_the_inlined_viewer_gets_the_state_and_ends_no_script_early(dataset, mod
     html = view._repr_mimebundle_()["text/html"]
     script = re.search(r"<script>(.*)</script>", html, re.DOTALL).group(1)
     assert "</script" not in script and "<!--" not in script and html.count("</script") == 1
-    options = json.loads(re.search(r"mount\(live, (.*)\);", script).group(1))
+    options = json.loads(re.search(r"const options = (.*);", script).group(1))
     assert options["url"] == GATEWAY and options["state"] == view.state
     assert options["state"]["dataset"] == "shells" and options["state"]["isovalue"] == 127.5
     assert "eye" in options["state"]["camera"] and "viewport" not in options["state"]
     text = json.loads(re.search(r"const text = (\".*\");", script).group(1))
     assert text == module
-    assert base64.b64encode(dataset.render(127.5, view="top", size=(120, 90)).png).decode() in html
+    picture = dataset.render(127.5, view="top", size=(120, 90), background=(0, 0, 0, 0))
+    assert base64.b64encode(picture.png).decode() in html
+    assert script.index("options.state.backgroundColor ??= ") < script.index("mount(live, options)")
     if shutil.which("node"):
         subprocess.run(["node", "--check", "-"], input=script, text=True, check=True)
 
@@ -180,13 +182,23 @@ def test_with_anywidget_the_browsers_state_is_the_views(dataset, anywidget):
     view = dataset.view(127.5, size=(120, 90), gateway=GATEWAY)
     bundle = view._repr_mimebundle_()
     assert "application/vnd.jupyter.widget-view+json" in bundle and "text/html" not in bundle
-    assert base64.b64decode(bundle["image/png"]) == dataset.render(127.5, size=(120, 90)).png
+    assert base64.b64decode(bundle["image/png"]) == dataset.render(127.5, size=(120, 90), background=(0, 0, 0, 0)).png
     assert view.widget.url == GATEWAY and view.widget.height == 90 and view.widget._esm.startswith("//")
     turned = dataset.render(60, azimuth=40, size=(120, 90))
     view.widget.state = {**isoscope_state(turned), "isovalue": 60, "laterField": 1}
     assert view.camera == turned.camera
     assert view.snapshot().png == turned.png
     assert view.snapshot(size=(60, 60)).size == (60, 60)
+
+
+def test_the_saved_picture_lies_on_a_notebook_of_any_theme_unless_it_has_a_background(dataset, monkeypatch):
+    monkeypatch.setitem(sys.modules, "anywidget", None)
+    view = dataset.view(127.5, size=(64, 48))
+    saved = _png.decode(base64.b64decode(view._repr_mimebundle_()["image/png"]))
+    assert saved[0, 0, 3] == 0 and saved[24, 32, 3] == 255 and (saved[..., 3] == 0).mean() > 0.2
+    assert (view.snapshot().rgba[..., 3] == 255).all(), "a snapshot is as Dataset.render gives it"
+    view.state = {**view.state, "backgroundColor": {"red": 1, "green": 1, "blue": 1, "alpha": 1}}
+    assert view._repr_mimebundle_()["image/png"] == base64.b64encode(view.snapshot().png).decode()
 
 
 def test_a_view_of_nothing_warns_and_names_the_range(dataset):

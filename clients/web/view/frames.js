@@ -214,7 +214,7 @@ export class Frames {
       const grid = gridOf(message) ?? gridOfPicture(camera, bitmap, model.background);
       const filled = fillView(camera, grid, bitmap.width / bitmap.height);
       if (!isSameCamera(filled, camera)) {
-        model.move(filled);
+        model.takeFitted(filled);
         this.#on.changed();
       }
     }

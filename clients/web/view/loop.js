@@ -129,6 +129,11 @@ export class Loop {
     }
   }
 
+  /** Takes the size of the element now; the observer would tell it later. */
+  resize() {
+    this.#resize();
+  }
+
   /** Draws in the next animation frame. */
   schedule() {
     this.#animation.schedule();

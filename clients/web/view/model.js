@@ -25,6 +25,8 @@ export class Model {
   dataset = null;
   /** The server's camera is taken from answers to this state or a newer one; 0: from none. */
   cameraFrom = 0;
+  /** The camera that the last fit gave, as JSON. */
+  #fitted = '';
 
   /** @returns {FrameRequest} a copy of the state, with the camera of the pointer */
   toState() {
@@ -94,7 +96,18 @@ export class Model {
       return null;
     }
     const isFitted = this.state.cameraFit === LOOSE_FIT;
-    this.move(camera);
+    this.takeFitted(camera);
     return { isFitted };
+  }
+
+  /** @param {Camera} camera that fits what is shown */
+  takeFitted(camera) {
+    this.move(camera);
+    this.#fitted = JSON.stringify(cameraToJson(camera));
+  }
+
+  /** Whether the camera is still the one of the last fit: nobody has moved it. */
+  get hasFittedCamera() {
+    return this.camera !== null && !this.cameraFrom && JSON.stringify(cameraToJson(this.camera)) === this.#fitted;
   }
 }

@@ -159,6 +159,14 @@ export class View extends EventTarget {
     }
   }
 
+  /** Fits again, in an element of another size, if nobody has moved the camera since the last fit. */
+  refit() {
+    if (this.loop.model.hasFittedCamera) {
+      this.loop.resize();
+      this.fit();
+    }
+  }
+
   /** Lets the server choose the camera again: the first look. */
   reset() {
     this.update({ camera: undefined, cameraFit: this.fitKind });

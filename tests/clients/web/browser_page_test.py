@@ -432,6 +432,26 @@ class PhoneTest(base.PageTest):
             self.until(f'isoscope.view.isExact && isoscope.view.camera.eye[1] !== {eye[1]}')
             self.assertFalse(self.js('return document.documentElement.scrollWidth > 390'), 'the page is wider than the phone')
 
+    def test_folding_the_panel_fits_the_picture_again_unless_it_was_moved(self):
+        distance = '''const { eye, target } = isoscope.view.camera;
+            return Math.hypot(...eye.map((value, i) => value - target[i]));'''
+        direction = '''const { eye, target } = isoscope.view.camera; const d = eye.map((value, i) => value - target[i]);
+            return d.map((value) => Math.round(1e6 * value / Math.hypot(...d)));'''
+        with size_of(self.browser, 390, 844, is_touch=True):
+            self.open_and_wait('#dataset=ball&surface=40')
+            before, looks = self.js(distance), self.js(direction)
+            self.browser.find_element(By.ID, 'fold').click()
+            self.until(f'isoscope.view.isExact && (() => {{ {distance} }})() > {1.2 * before}')  # a taller picture would cut its sides
+            self.assertEqual(looks, self.js(direction))
+            self.browser.find_element(By.ID, 'fold').click()
+            self.until(f'isoscope.view.isExact && Math.abs((() => {{ {distance} }})() - {before}) < 1e-3 * {before}')
+            self.js('const { camera } = isoscope.view; isoscope.view.setCamera({ ...camera, up: camera.up, target: camera.target.map((x) => x + 1) })')
+            self.until_exact()
+            camera = self.js('return isoscope.view.camera')
+            self.browser.find_element(By.ID, 'fold').click()
+            self.until_exact()
+            self.assertEqual(camera, self.js('return isoscope.view.camera'))
+
 
 class BarTest(base.PageTest):
     # The buttons and menus of the bar that show and are not wholly within the window.

@@ -561,7 +561,7 @@ class LabelTest(PageTest):
         self.assertEqual(['#ff0000', '#d0dc51', '#ec83d4'], self.js(
             'return [...document.querySelectorAll("#label-list input[type=color]")].map((one) => one.value)'))
         self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
-        self.until('/label=2:[^&]*&label=1:1,0,0&/.test(location.hash + "&")')
+        self.until('/labels=2&labels=1&/.test(location.hash + "&")')  # with the colours of the dataset
         both = self.picture()
         self.browser.refresh()
         self.until('isoscope.view.isExact && document.querySelectorAll("#label-list :checked").length === 2')
@@ -626,6 +626,7 @@ class LabelTest(PageTest):
         self.assertEqual('right lung', self.browser.find_element(By.CSS_SELECTOR, '#label-actions .name').text)
         self.browser.find_element(By.ID, 'label-only').click()
         self.until_labels([[2]])
+        self.until('/&labels=2&/.test(location.hash)')
         self.browser.find_element(By.ID, 'labels-all').click()
         self.until_labels([[1], [2], [3]])
         self.browser.find_element(By.ID, 'label-highlight').click()

@@ -167,8 +167,23 @@ test('a link of many labels is short, and opens with the same surfaces in the sa
   }
   // What the gateway and the command line read has a word for each.
   assert.equal(stateToHash({ surfaces: many }).match(/label=/g).length, 116);
-  const few = { surfaces: many.slice(0, 3) };
-  assert.equal(stateToLink(few, BODY), stateToHash(few));
+});
+
+test('a link has no colour that the dataset gives its labels, however few', () => {
+  const own = (labels) => ({ labels, color: colorOfLabel(BODY, labels[0]) });
+  const red = { labels: [9], color: { red: 1, green: 0, blue: 0, alpha: 1 } };
+  for (const [surfaces, words] of [
+    [[own([3])], 'labels=3'],
+    [onlyLabel([own([1]), own([3])], 1), 'labels=3'],
+    [[own([3]), own([4])], 'labels=3,4'],
+    [[own([3, 7, 8, 9])], 'label=3,7-9'],
+    [[{ ...own([3, 4]), color: { ...colorOfLabel(BODY, 3), alpha: 0.5 } }], `label=3,4:${own([3]).color.red},${own([3]).color.green},${own([3]).color.blue}:0.5`],
+    [[red], 'label=9:1,0,0'],
+    [[own([3]), red], 'labels=3,9&label=9:1,0,0'],
+  ]) {
+    assert.equal(stateToLink({ surfaces }, BODY), words);
+    assert.deepEqual(withColors(stateFromHash(words).state.surfaces, BODY), surfaces);
+  }
 });
 
 test('a wrong list of labels is left out with a sentence', () => {

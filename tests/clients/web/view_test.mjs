@@ -5,6 +5,7 @@ import { test } from 'node:test';
 
 import * as view from '../../../clients/web/isoscope-view.js';
 import { Frames, refusalOf } from '../../../clients/web/view/frames.js';
+import { Model } from '../../../clients/web/view/model.js';
 import { levelText } from '../../../clients/web/view/statistics.js';
 import { workerSource } from '../../../clients/web/view/worker.js';
 import { draw, gridOf } from './mock_gateway.mjs';
@@ -242,6 +243,32 @@ test('a filled view has all of the surface in it, in the middle, and little room
   const empty = { width: 4, height: 4, near: 1, far: 2, values: new Uint16Array(16).fill(65535) };
   const camera = view.defaultCamera({ min: [0, 0, 0], max: [1, 1, 1] });
   assert.deepEqual(view.fillView(camera, empty, 1), camera);
+});
+
+test('a camera is that of a fit until someone moves it, and again when it comes back', () => {
+  const fitted = view.defaultCamera({ min: [0, 0, 0], max: [10, 20, 30] });
+  const moved = view.turn(fitted, 0.1, 0);
+  const model = new Model();
+  model.replace({ dataset: 'ball', cameraFit: 'CAMERA_FIT_CELLS' }, 1);
+  assert.equal(model.hasFittedCamera, false, 'no camera yet');
+  model.takeCamera(fitted, 1);
+  assert.equal(model.hasFittedCamera, true);
+  model.replace({ ...model.toState(), samples: 4 }, 2);
+  assert.equal(model.hasFittedCamera, true, 'another part of the state');
+  model.move(moved);
+  assert.equal(model.hasFittedCamera, false);
+  model.replace({ ...model.toState(), samples: 1 }, 3);
+  assert.equal(model.hasFittedCamera, false);
+  model.move(fitted);
+  assert.equal(model.hasFittedCamera, true, 'undone');
+  model.replace({ ...model.toState(), cameraFit: 'CAMERA_FIT_SURFACE' }, 4);
+  assert.equal(model.hasFittedCamera, false, 'the server chooses');
+  assert.deepEqual(model.takeCamera(fitted, 4), { isFitted: true });
+  model.takeFitted(moved);
+  assert.equal(model.hasFittedCamera, true, 'the view filled itself');
+  const link = new Model();
+  link.replace(model.toState(), 1);
+  assert.equal(link.hasFittedCamera, false, 'the camera of a link is chosen');
 });
 
 test('the relief is cut at jumps, whole elsewhere, and has nothing where there is only background', () => {

@@ -31,7 +31,6 @@ TEST(PaceAlarmTest, AStartAfterStopIsNone) {
   alarm.Stop();
   alarm.Start(ExportLimits(), [call] { ++*call; });
   EXPECT_EQ(call.use_count(), 1);
-  EXPECT_TRUE(alarm.is_stopped());
 }
 
 TEST(PaceAlarmTest, AClientThatIsTooSlowIsJudged) {

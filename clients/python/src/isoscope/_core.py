@@ -207,7 +207,8 @@ def render(
         surfaces: 1 to 128 surfaces (or isovalues) instead.
         labels: surfaces of labels, after the others: values or names, each element a surface; a tuple within is one
             surface of several labels. "all": one for each that `present_labels` returns.
-        smooth_labels: makes slopes of the steps between `labels`; neighbours still meet without gaps.
+        smooth_labels: moves vertices of `labels` by at most a quarter of a sample: small steps become slopes, long ones
+            stay; neighbours still meet without gaps.
         field: field whose surfaces are drawn; default: the first of `Dataset.fields`. "velocity:x" names a component,
             too.
         component: "x", "y", "z", a number or "magnitude"; default: the only one, or the magnitude.

@@ -1,8 +1,9 @@
-"""The browser's part of a view, as the text of one ES module.
+"""Modules of `clients/web` as the text of one ES module.
 
-A checkout has it in parts (`clients/web/isoscope-view.js` and the modules that it imports), and a notebook cell takes
-one string. `assemble` puts the parts into the order of their imports. They keep two rules: top-level names differ,
-and an import or a re-export is a statement of its own with a relative path. setup.py does this for the wheel.
+A checkout has the view in parts (`isoscope-view.js` and the modules that it imports), and a notebook cell takes one
+string; the gateway has its page as one, so that a browser asks once. `assemble` puts the parts into the order of their
+imports. They keep two rules: top-level names differ, and an import or a re-export is a statement of its own with a
+relative path. setup.py does this for the wheel, and cmake/bundle_page.py for the gateway.
 """
 
 import functools
@@ -13,11 +14,28 @@ NAME = "isoscope-view.js"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '(\./[^']+)';\n", re.MULTILINE)
 _EXPORT_FROM = re.compile(r"^export \{([^}]*)\} from '(\./[^']+)';\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:async function|class|const|function|let) )", re.MULTILINE)
+_OTHER_IMPORT = re.compile(r"^(?:import\b|export\b[^;'\"]*\bfrom\b).*", re.MULTILINE)
+_DECLARED = re.compile(
+    r"^(?:async function|class|const|function\*?|let|var) (\w+|\{[^}]*\}|\[[^\]]*\])", re.MULTILINE)
+
+
+def _check(parts: dict[pathlib.Path, str]) -> None:
+    """Raises ValueError where a part breaks a rule: else a browser would refuse all of the module."""
+    owners: dict[str, pathlib.Path] = {}
+    for path, text in parts.items():
+        if statement := _OTHER_IMPORT.search(text):
+            raise ValueError(f"{path}: expected an import of names with a relative path, ended by ';' and a new line, "
+                             f"not: {statement[0]}")
+        for declared in _DECLARED.findall(text):
+            for name in re.findall(r"\w+", declared):
+                if owners.setdefault(name, path) != path:
+                    raise ValueError(f"{path}: {owners[name]} has a top-level {name}, too: rename one of them")
 
 
 def assemble(entry: pathlib.Path) -> str:
-    """Returns one module with the exports of `entry`, which only re-exports."""
+    """Returns one module with what `entry` re-exports. Raises ValueError, with the file, where a rule is broken."""
     parts: dict[pathlib.Path, str] = {}
+    reexported: list[str] = []
 
     def add(path: pathlib.Path) -> None:
         if path in parts:
@@ -28,14 +46,16 @@ def assemble(entry: pathlib.Path) -> str:
             add((path.parent / imported).resolve())
         # Dictionaries keep the order of insertion: a part comes after its imports.
         del parts[path]
-        parts[path] = _EXPORT.sub("", _IMPORT.sub("", text)) if path != entry else _EXPORT_FROM.sub("", text)
+        if path == entry:
+            reexported.extend(name.strip() for names, _ in _EXPORT_FROM.findall(text) for name in names.split(","))
+        parts[path] = _EXPORT.sub("", _IMPORT.sub("", _EXPORT_FROM.sub("", text)))
 
     entry = entry.resolve()
     add(entry)
-    reexported = _EXPORT_FROM.findall(entry.read_text(encoding="utf-8"))
-    names = [name.strip() for group, _ in reexported for name in group.split(",")]
-    exports = ", ".join(name for name in names if name != "default")
-    return "\n".join([parts.pop(entry), *parts.values(), f"export {{ {exports} }};\n"])
+    _check(parts)
+    exports = ", ".join(name for name in reexported if name != "default")
+    named = [f"// ---- {path.relative_to(entry.parent).as_posix()} ----\n{text}" for path, text in parts.items()]
+    return "\n".join([*named, *([f"export {{ {exports} }};\n"] if exports else [])])
 
 
 @functools.cache

@@ -131,7 +131,7 @@ class Surface:
         material: how it reflects light.
         color_by: quantity that the colour shows instead of `color`.
         labels: the surface of the samples that are one of these values, 1 to 256; or of their names.
-        smooth: makes slopes of the steps between labels. Not with an isovalue.
+        smooth: moves vertices by up to a quarter of a sample: small steps become slopes. Not with an isovalue.
     """
 
     isovalue: float | None = None

@@ -8,7 +8,8 @@ Frames go from the web gateway to the browser; Python is not in the way of one. 
     module     isoscope-view.js of clients/web, inlined in the cell's HTML: with a gateway of the user's
     picture    without a gateway
 
-Each holds the exact PNG: a saved notebook shows it without a gateway, a kernel or a browser's memory.
+Each holds the exact PNG: a saved notebook shows it without a gateway, a kernel or a browser's memory. Without a background
+of its own it is transparent, so that it suits light and dark notebooks.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ __all__ = ["View"]
 _PANEL_WIDTH, _BAR_HEIGHT = 328, 48
 # Below this the page is that of a phone.
 _LEAST_WIDTH, _LEAST_HEIGHT = 780, 440
-# Where pictures have none of their own.
+# Backgrounds of live pictures without one of their own: those of the page's themes.
+_DARK = {"red": 0.0431, "green": 0.0549, "blue": 0.0784, "alpha": 1}
+_LIGHT = {"red": 1, "green": 1, "blue": 1, "alpha": 1}
 
 
 @dataclass(frozen=True)
@@ -109,8 +112,7 @@ class View:
         self.size = size
         self._request = request
         self._gateway = gateway
-        self._frame: Frame | None = None
-        self._frame_request: bytes = b""
+        self._frames: dict[bool, tuple[bytes, Frame]] = {}
         self.widget: Any = None
         cls = None if gateway.shows_page else _widget_class()
         if cls is not None:
@@ -157,15 +159,21 @@ class View:
         Args:
             size: (width, height), pixels; default: the view's.
         """
+        return self._exact(size or self.size, is_still=False)
+
+    def _exact(self, size: tuple[int, int], is_still: bool) -> Frame:
+        """Returns the exact frame; of a still without a background of its own, on a transparent one."""
         request = self._current()
         _request.ask_for_notes(request, self.dataset._client._capabilities)
-        width, height = size or self.size
-        request.viewport.width_px, request.viewport.height_px = width, height
+        request.viewport.width_px, request.viewport.height_px = size
+        if is_still and not request.HasField("background_color"):
+            request.background_color.SetInParent()  # its alpha is 0
         serialized = request.SerializeToString(deterministic=True)
-        if self._frame is None or serialized != self._frame_request:
-            frame: Frame = self.dataset._client._do(_core.frame(request))
-            self._frame, self._frame_request = frame, serialized
-        return self._frame
+        before = self._frames.get(is_still)
+        if before is None or serialized != before[0]:
+            before = serialized, self.dataset._client._do(_core.frame(request))
+            self._frames[is_still] = before
+        return before[1]
 
     def __repr__(self) -> str:
         return f"View({self.dataset.name!r}, {self._how()})"
@@ -197,7 +205,7 @@ class View:
         return state
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        picture = base64.b64encode(self.snapshot().png).decode("ascii")
+        picture = base64.b64encode(self._exact(self.size, is_still=True).png).decode("ascii")
         bundle: dict[str, Any] = {"text/plain": repr(self), "image/png": picture}
         if self.widget is not None:
             shown = self.widget._repr_mimebundle_()
@@ -285,7 +293,10 @@ class View:
             f"const {{mount}} = await import(url);\n"
             f"URL.revokeObjectURL(url);\n"
             f"const live = root.querySelector('.isoscope-live');\n"
-            f"const view = mount(live, {_script_json(options)});\n"
+            f"const options = {_script_json(options)};\n"
+            f"const isDark = document.body.dataset.jpThemeLight === 'false';\n"
+            f"options.state.backgroundColor ??= isDark ? {_script_json(_DARK)} : {_script_json(_LIGHT)};\n"
+            f"const view = mount(live, options);\n"
             f"view.addEventListener('frame', () => {{ live.style.visibility = 'visible'; }}, {{once: true}});\n"
             f"}})();</script>"
         )

@@ -18,6 +18,32 @@ using ::testing::HasSubstr;
 
 constexpr TerminalSize kTerminal{80, 25, {800, 500}};
 
+TEST(StatusTextTest, ALongSentenceEndsWithAnEllipsisBesideTheKeys) {
+  const std::string sentence =
+      "isovalue 300 has no surface: all samples of the dataset are in [0, 255], and 255 is noise";
+  const std::string line = StatusText("head   isovalue 300", sentence, "640 x 480 exact", 80);
+  EXPECT_EQ(line.size(), 80);
+  EXPECT_EQ(line.substr(60), "...  ? help  q quit ");
+  EXPECT_EQ(line.substr(1, 59), sentence.substr(0, 59)) << "it stands without the view";
+}
+
+TEST(StatusTextTest, WhatFitsIsWhole) {
+  EXPECT_EQ(StatusText("head   isovalue 60", "", "640 x 480 exact   12 ms", 80),
+            " head   isovalue 60   640 x 480 exact   12 ms                    ? help  q quit ");
+  EXPECT_EQ(StatusText("head", "a note", "640 x 480", 20), " head   a note      ");
+  EXPECT_EQ(StatusText("head", "", "", 6), " head ");
+}
+
+TEST(StatusTextTest, NarrowWindowsAndOtherAlphabetsKeepToTheWidth) {
+  EXPECT_EQ(StatusText("head", "", "640 x 480", 10), " head  ...");
+  EXPECT_EQ(StatusText("head", "", "", 2), "..");
+  EXPECT_EQ(StatusText("head", "", "", 0), "");
+  EXPECT_EQ(StatusText("\xc3\xa4\xc3\xb6\xc3\xbc", "", "\xc3\xa4", 10),
+            " \xc3\xa4\xc3\xb6\xc3\xbc   \xc3\xa4  ");
+  EXPECT_EQ(StatusText("\xc3\xa4\xc3\xb6\xc3\xbc\xc3\xa4\xc3\xb6", "", "", 5), " \xc3\xa4...");
+  EXPECT_EQ(StatusText("a\x1B[2J", "", "", 7), " a?[2J ");
+}
+
 image::RgbaImage Gray(int width, int height) {
   return {
       .width = width,

@@ -1,5 +1,6 @@
 #include "core/formats/label_names.h"
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -59,6 +60,25 @@ TEST(LabelNamesTest, LinesOfCsvAreReadWithAndWithoutColours) {
                           Label{2, "spleen", LabelColor{0, 255, 128}}, Label{2.5, "half", {}}));
 }
 
+TEST(LabelNamesTest, LinesOfAListAreRead) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::vector<Label> labels,
+      ParseLabelNames("2 Precentral_R 2002\n1 Precentral_L 2001\r\n0\tUnclassified\n\n",
+                      "aal.txt"));
+  EXPECT_THAT(labels, ElementsAre(Label{0, "Unclassified", {}}, Label{1, "Precentral_L", {}},
+                                  Label{2, "Precentral_R", {}}));
+}
+
+TEST(LabelNamesTest, AListLiesBesideANiftiFile) {
+  const testing::TempDir dir;
+  EXPECT_EQ(LabelNamesBeside(dir.Sub("aal.nii.gz")), std::nullopt);
+  testing::WriteFile(dir.Sub("aal.nii.txt"), "1 one\n");
+  EXPECT_EQ(LabelNamesBeside(dir.Sub("aal.nii.gz")), dir.Sub("aal.nii.txt"));
+  EXPECT_EQ(LabelNamesBeside(dir.Sub("aal.nii")), dir.Sub("aal.nii.txt"));
+  testing::WriteFile(dir.Sub("aal.nrrd.txt"), "1 one\n");
+  EXPECT_EQ(LabelNamesBeside(dir.Sub("aal.nrrd")), std::nullopt);
+}
+
 TEST(LabelNamesTest, NoLinesAreNoLabels) {
   for (const char* text : {"", "\n", "# nothing\n", "\xef\xbb\xbf", "value,name\n"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<Label> labels, ParseLabelNames(text, "f"));
@@ -83,6 +103,9 @@ TEST(LabelNamesTest, AnotherLineIsQuotedWithItsNumberAndTheForms) {
   refuses("nan,a\n", "line 1");
   refuses("1e999,a\n", "line 1");
   refuses("1 name 256 0 0 0\n", "line 1");
+  refuses("1 left lung\n", "line 1");
+  refuses("1 0.5\n", "line 1");
+  refuses("1 2 3\n", "line 1");
   refuses("1 name 0 0 -1 0\n", "line 1");
   refuses("1 0 0 0 1 1 \"name\"\n", "line 1");
   refuses("1 0 0 0 1 1 1 \"\n", "line 1");

@@ -211,6 +211,12 @@ const std::vector<Kind>& Kinds() {
          return request;
        },
        {"v.nii.gz", "names.txt"}},
+      {"nifti_gz_with_label_names_beside",
+       [](const TempDir& dir) {
+         WriteFile(dir.Sub("v.nii.txt"), "1 one 2001\n");
+         return Write(dir, "v.nii.gz", Gzip(NiftiHeaderBytes({.dims = kDims}) + Int16()));
+       },
+       {"v.nii.gz", "v.nii.txt"}},
       {"nifti_pair_by_its_samples",
        [](const TempDir& dir) {
          WriteFile(dir.Sub("v.hdr"),
