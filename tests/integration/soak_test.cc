@@ -640,12 +640,14 @@ struct DrawnFrame {
   std::int64_t layer_pixels = 0;
 };
 
-// Draws a frame, with all that the coordinator does to its pixels. `arena` may be null.
+// Draws a frame, with all that the coordinator does to its pixels. `volume` is that of a series, else
+// not set; `arena` may be null.
 absl::StatusOr<DrawnFrame> DrawFinished(const volume::GridGeometry& whole,
-                                        const math::Index3& block_cells, const SmallFrame& frame,
+                                        const math::Index3& block_cells,
+                                        const frame::FrameSpec& spec,
+                                        const std::optional<store::ScalarVolumeKey>& volume,
                                         render::RendererKind kind, base::TaskArena* arena,
                                         LocalCluster* cluster) {
-  const frame::FrameSpec& spec = frame.spec;
   const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
   frame::FrameSpec drawn = spec;
   drawn.viewport = window.viewport;
@@ -850,8 +852,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                      LocalCluster* cluster, Dice* dice, SmallFrame* frame) {
     frame->spec.culling = frame->only_cells ? frame::Culling::kMask : frame::Culling::kNone;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        DrawnFrame drawn,
-        DrawFinished(geometry, cells, *frame, GetParam(), /*arena=*/nullptr, cluster));
+        DrawnFrame drawn, DrawFinished(geometry, cells, frame->spec, /*volume=*/std::nullopt,
+                                       GetParam(), /*arena=*/nullptr, cluster));
     frame->expected = std::move(drawn.image);
     tally_.covered_pixels += drawn.covered_pixels;
     tally_.layer_pixels += drawn.layer_pixels;
@@ -883,8 +885,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       ++tally_.by_level[frames[i].spec.level];
       const auto draw = [&, i] {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-            const DrawnFrame drawn,
-            DrawFinished(geometry, cells, frames[i], GetParam(), arena, cluster));
+            const DrawnFrame drawn, DrawFinished(geometry, cells, frames[i].spec, frames[i].volume,
+                                                 GetParam(), arena, cluster));
         differences[i] = testing::Compare(drawn.image, frames[i].expected);
       };
       if (side_by_side) {
@@ -1167,23 +1169,22 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     const math::Index3 cells = RandomBlockCells(&dice, 1, 12);
     const testing::TempDir temp;
     ISOSCOPE_ASSERT_OK(Cut(volume, cells, 1, &dice, temp.Sub("one")));
-    SmallFrame frame;
-    frame.spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, &dice);
+    frame::FrameSpec spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, &dice);
     if (!volume.labels.empty()) {
-      ShowRandomLabels(volume.labels, &dice, &frame.spec);
+      ShowRandomLabels(volume.labels, &dice, &spec);
     }
     if (dice.OneIn(4)) {
-      frame.spec.region = testing::RandomRegion(dice.Bits(), frame.spec.viewport);
+      spec.region = testing::RandomRegion(dice.Bits(), spec.viewport);
     }
-    frame.spec.output.depth = true;
+    spec.output.depth = true;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                   LocalCluster::OpenAsleep(temp.Sub("one"), renderer_.get()));
     cluster->WakeIn(arena, {});
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const DrawnFrame exact,
-        DrawFinished(volume.geometry, cells, frame, GetParam(), arena.get(), cluster.get()));
+        const DrawnFrame exact, DrawFinished(volume.geometry, cells, spec, /*volume=*/std::nullopt,
+                                             GetParam(), arena.get(), cluster.get()));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const visibility::DepthBounds bounds,
-                                  BoundsOf(*cluster->shards().front()->reader, frame.spec,
+                                  BoundsOf(*cluster->shards().front()->reader, spec,
                                            static_cast<int>(dice.Whole(1, 5)), arena.get()));
     cluster->Sleep();
     CheckBounds(seed, exact.image, bounds);
