@@ -655,8 +655,8 @@ absl::StatusOr<DrawnFrame> DrawFinished(const volume::GridGeometry& whole,
   drawn.effects = {};
   drawn.sends_normals = picture::NeedsDeferredShading(spec);
   drawn.sends_map_steps = frame::ShowsValues(spec);
-  ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, frame.volume.has_value()
-                                                            ? cluster->Render(drawn, *frame.volume)
+  ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, volume.has_value()
+                                                            ? cluster->Render(drawn, *volume)
                                                             : cluster->Render(drawn));
   const volume::GridGeometry grid = testing::GridOfLevel(whole, spec.level);
   ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
