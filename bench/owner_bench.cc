@@ -5,8 +5,8 @@
 //   run 2         whole 0, 1, 2; owners 0, 1, 2
 //
 // So both ways find the files in the page cache alike, and their own cache as a turned view leaves
-// it. A link computes each step of the agent inside the call that requests it: with one agent nothing
-// could overlap.
+// it. A link computes each step of the agent inside the call that requests it: with one agent
+// nothing could overlap.
 
 #include "bench/owner_bench.h"
 

@@ -1,6 +1,7 @@
-// The product's promise (exact_picture_test) on volumes and series of any kind, type and shape, and on
-// their levels, cut in any way, seen from anywhere, with any number of threads and any memory limit.
-// And that exact depths lie between the bounds of depth. Bounded runs with seeds that never change. scripts/soak.sh makes them long, with new seeds each time:
+// The product's promise (exact_picture_test) on volumes and series of any kind, type and shape, and
+// on their levels, cut in any way, seen from anywhere, with any number of threads and any memory
+// limit; and exact depths between their bounds. Bounded runs with seeds that never change.
+// scripts/soak.sh makes them long, with new seeds each time:
 //
 //   ISOSCOPE_SOAK_SECONDS  how long large volumes are drawn
 //   ISOSCOPE_SOAK_FRAMES   how many small frames are compared, at least
@@ -640,8 +641,8 @@ struct DrawnFrame {
   std::int64_t layer_pixels = 0;
 };
 
-// Draws a frame, with all that the coordinator does to its pixels. `volume` is that of a series, else
-// not set; `arena` may be null.
+// Draws a frame, with all that the coordinator does to its pixels. `volume` is that of a series,
+// else not set; `arena` may be null.
 absl::StatusOr<DrawnFrame> DrawFinished(const volume::GridGeometry& whole,
                                         const math::Index3& block_cells,
                                         const frame::FrameSpec& spec,
@@ -1092,8 +1093,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     }
   }
 
-  // Draws frames of levels that do not come from partitioning. One in ten is culled by the mask, for
-  // which blocks matter.
+  // Draws frames of levels that do not come from partitioning. One in ten is culled by the mask,
+  // for which blocks matter.
   void DrawLevelReferences(const Volume& volume, const math::Index3& cells,
                            const RoundLevels& levels, const std::string& directory, Dice* dice,
                            std::vector<SmallFrame>* frames) {
