@@ -88,8 +88,8 @@ class LocalCluster {
 
   // From now on each part has two agents, and frames lose the first ones somewhere on the way.
   void LoseAgents() { loses_agents_ = true; }
-  // From now on the coordinator culls by trees, as in volumes that are too large for lists of blocks.
-  // Forgets active blocks.
+  // From now on the coordinator culls by trees, as in volumes with too many blocks for a set of
+  // them. Forgets active blocks.
   void CullByTrees();
 
   // Renders one frame through all steps. Of `request`, its number, what tells the
