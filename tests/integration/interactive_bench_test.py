@@ -79,6 +79,24 @@ def test_the_text_of_a_drag_says_rate_latency_size_and_whether_the_exact_frame_i
     assert '0.0 frames a second' in interactive.Drag().text()
 
 
+def test_the_text_of_a_view_that_refines_says_levels_tiles_and_what_a_limit_deferred():
+    refined = dragged()
+    refined.levels.update([2, 3, 2])
+    refined.coarse_ms, refined.coarse_level, refined.tile_ms = 80, 1, [200, 900]
+    text = refined.text()
+    assert 'moving frames: 2 of level 2, 1 of level 3' in text
+    assert 'level 1 in full size 80 ms after' in text
+    assert '2 tiles, the first 200 ms and the last 900 ms' in text
+    assert 'level' not in dragged().text()
+    refined.deferred = {'bytes': 5000, 'ms': 120, 'seconds': 2.5}
+    assert 'deferred 120 ms after the last state: 5000 bytes and 2.5 s expected' in refined.text()
+    assert figures(refined, 'drag', 'head')['frames_by_level'] == {'2': 2, '3': 1}
+
+
+def test_limits_of_the_exact_frame_need_refinement():
+    assert 'are limits of --refine' in refusal('drag', 'head', *SMALL, '--max-exact-bytes', '5')
+
+
 def test_the_json_of_a_drag_has_the_same_figures():
     of = figures(dragged(), 'drag', 'head')
     assert (of['frames_per_second'], of['latency_ms']) == (1.5, {'median': 20, 'p95': 30})
