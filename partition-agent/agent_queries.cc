@@ -55,7 +55,7 @@ void SortShards(v1::DescribeShardsResponse* description) {
 v1::LevelsDescription DescribeLevels(const std::vector<int>& levels, volume::LevelFilter filter) {
   v1::LevelsDescription description;
   for (const int level : levels) {
-    description.add_levels(static_cast<std::uint32_t>(level));
+    description.add_levels(level);
   }
   description.set_filter(filter == volume::LevelFilter::kMean
                              ? isoscope::v1::DatasetLevel::FILTER_MEAN

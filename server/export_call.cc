@@ -222,7 +222,7 @@ class IsosurfaceServiceImpl::ExportCall final
                                             std::size_t surface_index, std::int64_t first_vertex) {
     isoscope::internal::v1::ExtractSurfaceRequest request;
     request.set_dataset_id(dataset.dataset_id());
-    request.set_level(static_cast<std::uint32_t>(spec_.level));
+    request.set_level(spec_.level);
     const volume::InsideRule& rule = spec_.rules[surface_index];
     request.set_isovalue(rule.isovalue);
     request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());

@@ -295,7 +295,7 @@ isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec) {
   proto.set_ray_seed(static_cast<std::int64_t>(spec.ray_seed));
   proto.set_sends_normals(spec.sends_normals);
   proto.set_sends_map_steps(spec.sends_map_steps);
-  proto.set_level(static_cast<std::uint32_t>(spec.level));
+  proto.set_level(spec.level);
   return proto;
 }
 
@@ -365,13 +365,13 @@ v1::ClipRegion ToProto(const view::ClipRegion& clip) {
   return proto;
 }
 
-absl::StatusOr<int> LevelFromProto(std::uint32_t level, absl::string_view path) {
-  if (level > static_cast<std::uint32_t>(volume::kMaxLevel)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, " is ", level, ": must be at most ",
+absl::StatusOr<int> LevelFromProto(std::int32_t level, absl::string_view path) {
+  if (level < 0 || level > volume::kMaxLevel) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " is ", level, ": must be 0 to ",
                                                    volume::kMaxLevel,
                                                    "; GetDataset lists the levels of a dataset"));
   }
-  return static_cast<int>(level);
+  return level;
 }
 
 absl::StatusOr<view::LevelChoice> LevelChoiceFromProto(const v1::LevelChoice& proto,
@@ -403,7 +403,7 @@ absl::StatusOr<view::LevelChoice> LevelChoiceFromProto(const v1::LevelChoice& pr
 v1::LevelChoice ToProto(const view::LevelChoice& choice) {
   v1::LevelChoice proto;
   if (choice.level.has_value()) {
-    proto.set_level(static_cast<std::uint32_t>(*choice.level));
+    proto.set_level(*choice.level);
   } else {
     proto.set_max_spacing_px(choice.max_spacing_px);
   }

@@ -69,8 +69,8 @@ isoscope::v1::ClipRegion ToProto(const view::ClipRegion& clip);
 absl::StatusOr<view::LevelChoice> LevelChoiceFromProto(const isoscope::v1::LevelChoice& proto,
                                                        const std::string& path);
 isoscope::v1::LevelChoice ToProto(const view::LevelChoice& choice);
-// Returns the number of a level. INVALID_ARGUMENT above volume::kMaxLevel.
-absl::StatusOr<int> LevelFromProto(std::uint32_t level, absl::string_view path);
+// Returns the number of a level. INVALID_ARGUMENT outside of 0 to volume::kMaxLevel.
+absl::StatusOr<int> LevelFromProto(std::int32_t level, absl::string_view path);
 
 // The most surfaces of one export: as many as a dataset has names of labels.
 inline constexpr std::size_t kMaxExportedSurfaces = 65536;

@@ -174,7 +174,7 @@ isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
     *request.mutable_selection() = *selection;
   }
   request.set_dataset_id(flags.dataset_id.value_or(""));
-  request.set_level(static_cast<std::uint32_t>(flags.level.value_or(0)));
+  request.set_level(flags.level.value_or(0));
   return request;
 }
 

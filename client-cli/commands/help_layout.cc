@@ -109,7 +109,7 @@ HelpLayout HelpLayoutOfCommands() {
       {"World positions, in place of the file's", {}},
       {"Blocks and shards",
        {"--shards", "--block-cells", "--distribution", "--compression", "--levels",
-        "--label-levels"}},
+        "--label-levels", "--add-levels", "--drop-levels"}},
       {"Time and memory",
        {"--renderer", "--culling", "--allow-partial", "--threads", "--memory-limit",
         "--cache-limit", "--timeout"}},

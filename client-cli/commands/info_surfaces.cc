@@ -42,7 +42,7 @@ absl::Status AddLevelCosts(const isoscope::v1::ExportIsosurfaceRequest& request,
                            const isoscope::v1::Dataset& dataset, Session* session,
                            const Context& context, std::vector<MeasuredSurface>* surfaces) {
   isoscope::v1::RenderIsosurfaceRequest frame = FrameLike(request);
-  std::vector<std::uint32_t> levels = {0};
+  std::vector<std::int32_t> levels = {0};
   for (const isoscope::v1::DatasetLevel& level : dataset.levels()) {
     levels.push_back(level.level());
   }
@@ -53,7 +53,7 @@ absl::Status AddLevelCosts(const isoscope::v1::ExportIsosurfaceRequest& request,
     }
     frame.clear_surfaces();
     frame.add_surfaces()->set_isovalue(surface.surface.isovalue());
-    for (const std::uint32_t level : levels) {
+    for (const std::int32_t level : levels) {
       frame.mutable_level()->set_level(level);
       const auto drawn = session->client().RenderIsosurface(frame, session->frame_timeout());
       if (level > 0 && absl::IsFailedPrecondition(drawn.status())) {

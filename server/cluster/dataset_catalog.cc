@@ -74,8 +74,8 @@ absl::Status ValidateLevels(const internal::LevelsDescription& proto,
   const isoscope::v1::Dimensions& dims = dataset.geometry().sample_dims();
   const int highest = volume::HighestLevel({dims.x(), dims.y(), dims.z()});
   for (int i = 0; i < proto.levels_size(); ++i) {
-    const std::uint32_t least = i == 0 ? 1 : proto.levels(i - 1) + 1;
-    if (proto.levels(i) < least || proto.levels(i) > static_cast<std::uint32_t>(highest)) {
+    const std::int32_t least = i == 0 ? 1 : proto.levels(i - 1) + 1;
+    if (proto.levels(i) < least || proto.levels(i) > highest) {
       return absl::InvalidArgumentError(absl::StrCat(path, ".levels.levels[", i, "] is ",
                                                      proto.levels(i),
                                                      ": must be ascending, from 1 to ", highest));
@@ -103,9 +103,7 @@ absl::Status ValidateLevels(const internal::ShardDescription& shard, const std::
 // REQUIRES: they are valid.
 OwnedLevels LevelsFromProto(const internal::LevelsDescription& proto) {
   OwnedLevels owned;
-  for (const std::uint32_t level : proto.levels()) {
-    owned.levels.push_back(static_cast<int>(level));
-  }
+  owned.levels.assign(proto.levels().begin(), proto.levels().end());
   owned.filter = proto.filter() == isoscope::v1::DatasetLevel::FILTER_MAJORITY
                      ? volume::LevelFilter::kMajority
                      : volume::LevelFilter::kMean;

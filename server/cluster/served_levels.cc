@@ -148,7 +148,7 @@ void AddLevels(const std::vector<ServedLevel>& levels, v1::Dataset* dataset) {
         volume::BlockLayout::Make(level.grid.sample_dims, {cells.x(), cells.y(), cells.z()});
     ISOSCOPE_CHECK(layout.ok());
     v1::DatasetLevel* const out = dataset->add_levels();
-    out->set_level(static_cast<std::uint32_t>(served.level));
+    out->set_level(served.level);
     *out->mutable_geometry() = wire::ToProto(level.grid);
     out->set_block_count(layout->block_count());
     out->set_filter(served.filter == LevelFilter::kMean ? v1::DatasetLevel::FILTER_MEAN

@@ -426,7 +426,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   questions[0].request.set_dataset_id(target.dataset_id);
   AddRules(rules, &questions[0].request);
   *questions[0].request.mutable_clip() = wire::ToProto(clip);
-  questions[0].request.set_level(static_cast<std::uint32_t>(target.level));
+  questions[0].request.set_level(target.level);
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
                ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, wire::ActiveBoxFromProto(answer, layout));
@@ -500,7 +500,7 @@ QueryOutcome<std::int64_t> AskUnresolved(const QueryTarget& target, std::int64_t
   using Response = internal::GetResolvedBlocksResponse;
   auto questions = QuestionsToParts<internal::GetResolvedBlocksRequest, Response>(target);
   for (auto& question : questions) {
-    question.request.set_level(static_cast<std::uint32_t>(level));
+    question.request.set_level(level);
     question.request.set_isovalue(rule.isovalue);
     question.request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
     question.may_hedge = false;  // it reads as much on every agent

@@ -250,9 +250,10 @@ void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
     response->set_time(*target.selected.time);
   }
   *response->mutable_statistics() = ToProto(cost_);
-  response->mutable_statistics()->set_level(static_cast<std::uint32_t>(target.level));
+  response->mutable_statistics()->set_level(target.level);
   if (asked_.level.has_value() || coarser_.has_value()) {
     *response->mutable_drawn_level() = ToProto(facts_);
+  }
   }
   AddColorings(asked_.spec, target.whole, contents_, response);
   response->mutable_notes()->Assign(notes_.begin(), notes_.end());
@@ -271,7 +272,7 @@ void PictureJob::NoteDrawn(const FrameTarget& target) {
 
 v1::DrawnLevel ToProto(const FrameFacts& facts) {
   v1::DrawnLevel drawn;
-  drawn.set_level(static_cast<std::uint32_t>(facts.level));
+  drawn.set_level(facts.level);
   drawn.set_max_spacing_px(facts.spacing_px);
   *drawn.mutable_spacing() = wire::ToProto(facts.spacing);
   return drawn;

@@ -19,6 +19,9 @@
 #include "core/visibility/depth_bounds.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/occlusion_map.h"
+#include "core/volume/range_table.h"
+#include "core/volume/scalar_span.h"
+#include "core/volume/scalar_type.h"
 
 namespace isoscope::visibility {
 namespace {

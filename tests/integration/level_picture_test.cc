@@ -110,7 +110,7 @@ class LevelPictureTest : public ::testing::Test {
     camera->mutable_up()->set_y(1);
     camera->mutable_perspective()->set_fov_y_degrees(26);
     if (level >= 0) {
-      request.mutable_level()->set_level(static_cast<std::uint32_t>(level));
+      request.mutable_level()->set_level(level);
     }
     return request;
   }
@@ -170,8 +170,8 @@ TEST_F(LevelPictureTest, ALevelHasTheSameBytesForAnyCutAndCulling) {
       request.set_culling(v1::CULLING_NONE);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto unculled, Render(*three_, request));
       EXPECT_EQ(one.png(), unculled.png());
-      EXPECT_EQ(one.drawn_level().level(), static_cast<std::uint32_t>(level));
-      EXPECT_EQ(one.statistics().level(), static_cast<std::uint32_t>(level));
+      EXPECT_EQ(one.drawn_level().level(), level);
+      EXPECT_EQ(one.statistics().level(), level);
       EXPECT_GT(one.statistics().triangle_count(), 0);
     }
   }
@@ -221,7 +221,7 @@ TEST_F(LevelPictureTest, AnEightBitLevelIsThatOfTheSamplesTimes256) {
 TEST_F(LevelPictureTest, WithoutAChoiceNothingIsNew) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plain, Render(*three_, Request(-1)));
   EXPECT_FALSE(plain.has_drawn_level());
-  EXPECT_EQ(plain.statistics().level(), 0U);
+  EXPECT_EQ(plain.statistics().level(), 0);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto named, Render(*three_, Request(0)));
   EXPECT_EQ(named.png(), plain.png());
   EXPECT_TRUE(named.has_drawn_level());
@@ -251,7 +251,7 @@ TEST_F(LevelPictureTest, ASpacingChoosesTheCoarsestLevelThatIsFineEnough) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto exact, Render(*three_, request));
   const double px = exact.drawn_level().max_spacing_px();
   ASSERT_GT(px, 0);
-  const auto expect = [&](double max_spacing_px, std::uint32_t level) {
+  const auto expect = [&](double max_spacing_px, int level) {
     request.mutable_level()->set_max_spacing_px(max_spacing_px);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(*three_, request));
     EXPECT_EQ(response.drawn_level().level(), level) << max_spacing_px << " of " << px;
@@ -425,7 +425,7 @@ TEST_F(LevelPictureTest, LabelsDoNotFitMeans) {
                        AllOf(HasSubstr("surfaces[0]"), HasSubstr("means"))));
   request.mutable_level()->set_max_spacing_px(1000);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chosen, Render(*three_, request));
-  EXPECT_EQ(chosen.drawn_level().level(), 0U);
+  EXPECT_EQ(chosen.drawn_level().level(), 0);
 }
 
 TEST_F(LevelPictureTest, LabelsAreDrawnFromMajorities) {
@@ -441,7 +441,7 @@ TEST_F(LevelPictureTest, LabelsAreDrawnFromMajorities) {
   request.clear_isovalue();
   request.add_surfaces()->add_labels(2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto coarse, Render(*cluster, request));
-  EXPECT_EQ(coarse.drawn_level().level(), 1U);
+  EXPECT_EQ(coarse.drawn_level().level(), 1);
   EXPECT_GT(coarse.statistics().triangle_count(), 0);
   request.set_culling(v1::CULLING_NONE);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto unculled, Render(*cluster, request));
@@ -470,7 +470,7 @@ TEST_F(LevelPictureTest, TheDatasetTellsItsLevels) {
       rpc::ToAbslStatus(stub->GetDataset(&context, v1::GetDatasetRequest(), &response)));
   ASSERT_EQ(response.dataset().levels_size(), kHighest);
   const v1::DatasetLevel& level = response.dataset().levels(1);
-  EXPECT_EQ(level.level(), 2U);
+  EXPECT_EQ(level.level(), 2);
   EXPECT_EQ(level.filter(), v1::DatasetLevel::FILTER_MEAN);
   EXPECT_EQ(level.geometry().sample_dims().x(), kDims.x / 4);
   EXPECT_EQ(level.geometry().spacing().y(), 5);
@@ -478,7 +478,7 @@ TEST_F(LevelPictureTest, TheDatasetTellsItsLevels) {
 
 // Exports of a level are coarser meshes, the same for any cut; measures are of level 0.
 TEST_F(LevelPictureTest, AnExportOfALevelIsACoarserMesh) {
-  const auto bytes_of = [](const ProcessCluster& cluster, std::uint32_t level,
+  const auto bytes_of = [](const ProcessCluster& cluster, int level,
                            bool with_measures) -> absl::StatusOr<std::string> {
     v1::ExportIsosurfaceRequest request;
     request.set_isovalue(128);
@@ -499,7 +499,7 @@ TEST_F(LevelPictureTest, AnExportOfALevelIsACoarserMesh) {
     return positions + triangles;
   };
   std::size_t size = SIZE_MAX;
-  for (std::uint32_t level = 0; level <= kHighest; ++level) {
+  for (int level = 0; level <= kHighest; ++level) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string one, bytes_of(*one_, level, false));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string three, bytes_of(*three_, level, false));
     EXPECT_EQ(one, three) << "level " << level;

@@ -27,6 +27,7 @@ internal::GetDepthBoundsRequest ValidRequest() {
   spec.surfaces = {{.rule = {.isovalue = 3}}};
   spec.camera = view::Camera();
   spec.camera->eye = {0, 0, 10};
+  spec.camera->fov_y_radians = 0.5;
   spec.viewport = {64, 32};
   internal::GetDepthBoundsRequest request;
   request.set_dataset_id("some");

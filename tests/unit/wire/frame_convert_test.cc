@@ -646,7 +646,7 @@ TEST(LevelChoiceTest, WrongChoicesAreNamedWithTheirValue) {
   };
   expect("level chooses nothing", [](auto*) {});
   expect("level.level is 24", [](auto* level) { level->set_level(24); });
-  expect("level.level is 4294967295", [](auto* level) { level->set_level(4294967295U); });
+  expect("level.level is -1", [](auto* level) { level->set_level(-1); });
   expect("level.max_spacing_px is 0", [](auto* level) { level->set_max_spacing_px(0); });
   expect("level.max_spacing_px is -2", [](auto* level) { level->set_max_spacing_px(-2); });
   expect("level.max_spacing_px is inf",

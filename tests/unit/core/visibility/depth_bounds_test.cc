@@ -442,6 +442,7 @@ TEST_F(DepthBoundsTest, ABlockAtTheNearPlaneCoversEverything) {
   camera.eye = {2, 2, 6};  // in the active block
   camera.target = {6, 6, 2};
   camera.up = {0, 1, 0};
+  camera.fov_y_radians = 0.5;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::View view,
                                 view::View::Make(camera, {32, 24}, volume.geometry));
   const DepthBounds bounds = BoundsOf(volume, view, OfIsovalue(50));

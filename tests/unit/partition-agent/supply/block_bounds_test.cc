@@ -77,6 +77,7 @@ TEST_F(BlockBoundsTest, MoreSurfacesWidenThem) {
 }
 
 TEST_F(BlockBoundsTest, CapsWidenThemOnlyWhereTheRegionIsCut) {
+  spec_.surfaces[0].rule.isovalue = 20;  // some blocks are wholly inside
   const DepthBounds open = FindAll(spec_, 1);
   spec_.caps.emplace();
   EXPECT_EQ(FindAll(spec_, 1), open) << "nothing is cut";

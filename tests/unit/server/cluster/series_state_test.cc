@@ -433,7 +433,7 @@ TEST(SeriesStateTest, AFrameHasTheLevelsThatAllOfItsVolumesHave) {
                                 SelectVolume(flow, &selection, &surfaces));
   EXPECT_THAT(levels_of(colored), ElementsAre(1));
   ASSERT_EQ(flow->dataset.levels_size(), 2);  // of the default field
-  EXPECT_EQ(flow->dataset.levels(1).level(), 2U);
+  EXPECT_EQ(flow->dataset.levels(1).level(), 2);
 }
 
 }  // namespace

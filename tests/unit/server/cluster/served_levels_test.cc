@@ -88,7 +88,7 @@ TEST(ServedLevelsTest, LevelsOfTwoFiltersNeverMix) {
 }
 
 internal::ShardDescription WithLevels(internal::ShardDescription shard,
-                                      const std::vector<std::uint32_t>& levels,
+                                      const std::vector<std::int32_t>& levels,
                                       v1::DatasetLevel::Filter filter) {
   shard.mutable_levels()->mutable_levels()->Assign(levels.begin(), levels.end());
   shard.mutable_levels()->set_filter(filter);
@@ -117,7 +117,7 @@ TEST(ServedLevelsTest, TheDatasetTellsGridBlocksAndFilter) {
   ASSERT_THAT(state.status, IsOk());
   ASSERT_EQ(state.dataset.levels_size(), 2);
   const v1::DatasetLevel& second = state.dataset.levels(1);
-  EXPECT_EQ(second.level(), 2U);
+  EXPECT_EQ(second.level(), 2);
   EXPECT_EQ(second.filter(), v1::DatasetLevel::FILTER_MAJORITY);
   EXPECT_EQ(second.block_count(), 1);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::GridGeometry grid,
@@ -130,7 +130,7 @@ TEST(ServedLevelsTest, TheDatasetTellsGridBlocksAndFilter) {
 }
 
 TEST(ServedLevelsTest, AnAgentWithMalformedLevelsIsRefused) {
-  const auto refuse = [](const std::vector<std::uint32_t>& levels, v1::DatasetLevel::Filter filter,
+  const auto refuse = [](const std::vector<std::int32_t>& levels, v1::DatasetLevel::Filter filter,
                          const std::string& message) {
     const AgentState agent = Agent("a:1", WithLevels(MakeShard("head", 0, 1), levels, filter));
     EXPECT_THAT(agent.status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));

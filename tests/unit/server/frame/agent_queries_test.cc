@@ -579,7 +579,7 @@ TEST_F(UnresolvedQueriesTest, BlocksThatAnyAgentResolvesAreResolvedOnce) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::int64_t count, Ask());
   EXPECT_EQ(count, 10 - 4);
   for (const int i : {0, 1}) {
-    EXPECT_EQ(asked_of_[i].level(), 2U);
+    EXPECT_EQ(asked_of_[i].level(), 2);
     EXPECT_EQ(asked_of_[i].isovalue(), 7);
     ASSERT_EQ(asked_of_[i].shard_indices_size(), 1);
     EXPECT_EQ(asked_of_[i].shard_indices(0), i);
@@ -615,7 +615,7 @@ class UnresolvedFramesTest : public testing::FakeClusterTest {
       agent.on_resolved_blocks = [this, i](const internal::GetResolvedBlocksRequest& request,
                                            auto* response) {
         ++asked_count_;
-        EXPECT_EQ(request.level(), 1U);
+        EXPECT_EQ(request.level(), 1);
         if (fails_) {
           return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
         }

@@ -393,11 +393,11 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
   EXPECT_EQ(one->request.isovalue(), 60);
   EXPECT_TRUE(one->request.clip().has_box());
   ASSERT_EQ(one->surfaces.size(), 1U);
-  EXPECT_EQ(one->request.level(), 0U);
+  EXPECT_EQ(one->request.level(), 0);
   const absl::StatusOr<MeshQuery> coarse =
       MeshQueryFromQuery(kGlb, {{"isovalue", "60"}, {"level", "2"}}, MakeDataset());
   ASSERT_THAT(coarse, IsOk());
-  EXPECT_EQ(coarse->request.level(), 2U);
+  EXPECT_EQ(coarse->request.level(), 2);
   const absl::StatusOr<MeshQuery> two =
       MeshQueryFromQuery(kGlb, {{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
   ASSERT_THAT(two, IsOk());

@@ -105,7 +105,7 @@ TEST(AnnotatedPictureTest, TheRecordNamesTheLevelThatWasDrawn) {
   v1::RenderIsosurfaceRequest request = PlainRequest();
   request.mutable_level()->set_max_spacing_px(1.1);
   v1::RenderIsosurfaceResponse response = PlainAnswer();
-  for (const std::uint32_t level : {0U, 2U}) {
+  for (const std::int32_t level : {0, 2}) {
     response.mutable_drawn_level()->set_level(level);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const std::string png,

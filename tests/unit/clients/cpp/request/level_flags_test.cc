@@ -36,7 +36,7 @@ TEST(LevelFlagsTest, EachFlagIsAChoice) {
   isoscope::v1::RenderIsosurfaceRequest request;
   SetLevel(by_number, &request);
   EXPECT_EQ(request.level().choice_case(), isoscope::v1::LevelChoice::kLevel);
-  EXPECT_EQ(request.level().level(), 0U);
+  EXPECT_EQ(request.level().level(), 0);
   LevelFlags by_spacing;
   ASSERT_THAT(Parse({"--max-spacing=1.1"}, &by_spacing), IsOk());
   SetLevel(by_spacing, &request);
