@@ -254,7 +254,6 @@ void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
   if (asked_.level.has_value() || coarser_.has_value()) {
     *response->mutable_drawn_level() = ToProto(facts_);
   }
-  }
   AddColorings(asked_.spec, target.whole, contents_, response);
   response->mutable_notes()->Assign(notes_.begin(), notes_.end());
   MoveInto(std::move(output), asked_.spec.output.image_format, response);
