@@ -15,31 +15,51 @@ constexpr double kLeastSpan = 4;
 
 }  // namespace
 
-void ExactCost::OnFrame(std::int64_t active_bytes, absl::Duration duration) {
+void ExactCost::OnFrame(std::int64_t active_bytes, absl::Duration duration, bool is_exact) {
   if (active_bytes <= 0) {
     return;
   }
-  Seen& seen =
-      seen_[static_cast<std::size_t>(std::bit_width(static_cast<std::uint64_t>(active_bytes)))];
+  Seen& seen = (is_exact ? exact_ : others_)[static_cast<std::size_t>(
+      std::bit_width(static_cast<std::uint64_t>(active_bytes)))];
   const auto bytes = static_cast<double>(active_bytes);
   const bool is_first = seen.bytes == 0;
   seen.bytes = is_first ? bytes : (seen.bytes * 3 + bytes) / 4;
   seen.duration = is_first ? duration : (seen.duration * 3 + duration) / 4;
 }
 
+const ExactCost::Seen* ExactCost::Nearest(const Table& table, double bytes) {
+  const Seen* nearest = nullptr;
+  const auto distance = [&](const Seen& seen) {
+    return std::max(bytes / seen.bytes, seen.bytes / bytes);
+  };
+  for (const Seen& seen : table) {
+    if (seen.bytes > 0 && bytes <= 2 * seen.bytes &&
+        (nearest == nullptr || distance(seen) < distance(*nearest))) {
+      nearest = &seen;
+    }
+  }
+  return nearest;
+}
+
 absl::Duration ExactCost::Expected(std::int64_t active_bytes) const {
+  if (active_bytes <= 0) {
+    return absl::ZeroDuration();
+  }
   const auto bytes = static_cast<double>(active_bytes);
+  if (const Seen* const exact = Nearest(exact_, bytes);
+      exact != nullptr && exact->bytes <= 2 * bytes) {
+    return exact->duration * (bytes / exact->bytes);
+  }
+  if (const Seen* const other = Nearest(others_, bytes); other != nullptr) {
+    return other->duration * (bytes / other->bytes);
+  }
   const Seen* least = nullptr;
   const Seen* most = nullptr;
-  for (const Seen& seen : seen_) {
-    if (seen.bytes == 0) {
-      continue;
+  for (const Seen& seen : others_) {
+    if (seen.bytes > 0) {
+      least = least == nullptr ? &seen : least;
+      most = &seen;
     }
-    if (bytes <= 2 * seen.bytes) {
-      return seen.duration * (bytes / seen.bytes);
-    }
-    least = least == nullptr ? &seen : least;
-    most = &seen;
   }
   if (most == nullptr) {
     return absl::Seconds(bytes / kFirstBytesPerSecond);

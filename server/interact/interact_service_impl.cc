@@ -428,7 +428,7 @@ class InteractServiceImpl::InteractCall final
     schedule_.OnWorkEnded(start.work, is_told, end);
     if (status.ok() && !start.is_exact) {
       rate_.OnDrawn(drawn - begin, end, LevelsOf(facts));
-      cost_.OnFrame(facts.active_bytes, end - begin);
+      cost_.OnFrame(facts.active_bytes, end - begin, /*is_exact=*/false);
     }
     if (is_told) {
       Send(std::move(answer));
@@ -617,7 +617,7 @@ class InteractServiceImpl::InteractCall final
       rest_.progress.OnCoarse(status.ok() ? &message->frame().drawn_level() : nullptr);
       if (status.ok()) {
         message->mutable_frame()->mutable_statistics()->clear_agents();
-        cost_.OnFrame(facts.active_bytes, took);
+        cost_.OnFrame(facts.active_bytes, took, /*is_exact=*/false);
       }
       return;
     }
@@ -633,7 +633,7 @@ class InteractServiceImpl::InteractCall final
       rest_.job = job;
     } else {
       rest_.progress.OnExact();
-      cost_.OnFrame(facts.active_bytes, rest_.drawn_for + took);
+      cost_.OnFrame(facts.active_bytes, rest_.drawn_for + took, /*is_exact=*/true);
       rest_.job.reset();
     }
   }
