@@ -43,7 +43,7 @@ class QualityLadder {
   [[nodiscard]] std::size_t step() const { return step_; }
 
  private:
-  const std::size_t step_count_;
+  std::size_t step_count_;
   std::size_t step_ = 0;
   int overload_count_ = 0;  // loads above 1 in a row
   absl::Duration hold_ = kMinHold;

@@ -1,9 +1,9 @@
 #include "server/interact/rest_progress.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <tuple>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 
@@ -36,6 +36,8 @@ absl::Status CheckFraction(double value, const char* name) {
 double DistanceTo(double value, double begin, double end) {
   return std::max({begin - value, value - end, 0.0});
 }
+
+double SquareSum(double a, double b) { return a * a + b * b; }
 
 }  // namespace
 
@@ -122,10 +124,10 @@ std::optional<int> RestProgress::NearestTile() const {
       continue;
     }
     const view::Region tile = grid_->At(i);
-    const double beside = std::hypot(DistanceTo(x, tile.x, tile.x + tile.width_px),
-                                     DistanceTo(y, tile.y, tile.y + tile.height_px));
+    const double beside = SquareSum(DistanceTo(x, tile.x, tile.x + tile.width_px),
+                                    DistanceTo(y, tile.y, tile.y + tile.height_px));
     const double from_middle =
-        std::hypot(x - tile.x - tile.width_px / 2.0, y - tile.y - tile.height_px / 2.0);
+        SquareSum(x - tile.x - tile.width_px / 2.0, y - tile.y - tile.height_px / 2.0);
     const std::tuple<double, double> distance(beside, from_middle);
     if (!nearest.has_value() || distance < least) {
       nearest = i;
