@@ -183,7 +183,7 @@ std::string DescribeBands(const std::vector<FrameRecord>& frames) {
 }
 
 std::string DescribeLevels(const std::vector<FrameRecord>& frames) {
-  std::map<std::uint32_t, std::size_t> counts;
+  std::map<std::int32_t, std::size_t> counts;
   for (const FrameRecord& frame : frames) {
     if (frame.drawn_level.has_value()) {
       ++counts[frame.drawn_level->level()];

@@ -46,7 +46,7 @@ absl::Status CheckUsage(const LevelFlags& flags) {
 
 void SetLevel(const LevelFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request) {
   if (flags.level) {
-    request->mutable_level()->set_level(*flags.level);
+    request->mutable_level()->set_level(static_cast<std::int32_t>(*flags.level));
   } else if (flags.max_spacing_px) {
     request->mutable_level()->set_max_spacing_px(*flags.max_spacing_px);
   }

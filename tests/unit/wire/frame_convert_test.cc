@@ -666,7 +666,7 @@ TEST(ExportSpecFromProtoTest, MeasuresAreOfLevelZero) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("level is 3")));
   request.set_level(24);
   EXPECT_THAT(ExportSpecFromProto(request),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("at most 23")));
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("0 to 23")));
 }
 
 TEST(PictureRevisionConvertTest, BothWaysGiveTheSame) {

@@ -140,7 +140,8 @@ TEST(ServedLevelsTest, AnAgentWithMalformedLevelsIsRefused) {
   refuse({2, 1}, mean, "levels.levels[1] is 1");
   refuse({1, 1}, mean, "levels.levels[1] is 1");
   refuse({3}, mean, "from 1 to 2");
-  refuse({4000000000U}, mean, "is 4000000000");
+  refuse({2147483647}, mean, "is 2147483647");
+  refuse({-1}, mean, "levels.levels[0] is -1");
   refuse({1}, v1::DatasetLevel::FILTER_UNSPECIFIED, "levels.filter is 0");
 }
 

@@ -626,7 +626,7 @@ class UnresolvedFramesTest : public testing::FakeClusterTest {
       };
     }
   }
-  absl::StatusOr<v1::RenderStatistics> RenderAt(std::uint32_t level, bool counts) {
+  absl::StatusOr<v1::RenderStatistics> RenderAt(std::int32_t level, bool counts) {
     v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
     request.set_culling(v1::CULLING_NONE);
     request.mutable_level()->set_level(level);
