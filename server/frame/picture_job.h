@@ -40,6 +40,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/base/memory_budget.h"
 #include "core/base/trace_recorder.h"
 #include "core/frame/drawn_window.h"
 #include "core/image/frame_image.h"
@@ -85,10 +86,6 @@ class PictureJob {
   static absl::StatusOr<std::unique_ptr<PictureJob>> Admit(
       FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
       int depth_grid_side, std::optional<CoarserLevel> coarser = std::nullopt);
-
-  PictureJob(const PictureJob&) = delete;
-  PictureJob& operator=(const PictureJob&) = delete;
-  ~PictureJob();
 
   // Renders the frame into `response`. Blocks. Calls `on_drawn` once the agents have drawn a
   // picture, before it is encoded. Errors as IsosurfaceService says. Call once.
@@ -195,7 +192,14 @@ class PictureJob {
                             absl::FunctionRef<void()> on_drawn, std::optional<FrameCost>* cost);
   absl::Status RenderBand(const Piece& piece, absl::FunctionRef<void()> on_drawn);
   // What is kept between the tiles of a picture.
-  struct Tiles;
+  struct Tiles {
+    FrameTarget target;
+    BandGrid grid;
+    base::MemoryBudget::Reservation memory;
+    DrawnBlocks drawn;
+    std::optional<BandJoiner> joiner = std::nullopt;  // from the first tile on
+    std::optional<FrameCost> cost = std::nullopt;     // of the tiles so far
+  };
   absl::Status PrepareTiles();
   absl::Status RenderTile(const frame::FrameSpec& spec, const view::Region& tile);
   // Both set cost_ to the cost of the piece.

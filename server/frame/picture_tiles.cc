@@ -44,17 +44,6 @@ std::size_t KeptBytesOf(const frame::FrameSpec& spec, const FrameTarget& target)
 
 }  // namespace
 
-struct PictureJob::Tiles {
-  FrameTarget target;
-  BandGrid grid;
-  base::MemoryBudget::Reservation memory;
-  DrawnBlocks drawn;
-  std::optional<BandJoiner> joiner = std::nullopt;  // from the first tile on
-  std::optional<FrameCost> cost = std::nullopt;     // of the tiles so far
-};
-
-PictureJob::~PictureJob() = default;
-
 bool PictureJob::BeginTiles(int side_px) {
   ISOSCOPE_CHECK(put_off_.has_value());
   const BandGrid grid = TileGrid(frame::ImageSizeOf(asked_.spec), side_px);
