@@ -17,16 +17,16 @@ namespace isoscope::server {
 namespace v1 = isoscope::v1;
 namespace {
 
-enum class Kind { kFrame, kTile, kError, kDeferral };
+enum class AnswerKind { kFrame, kTile, kError, kDeferral };
 
-Kind KindOf(const v1::InteractResponse& message) {
+AnswerKind KindOf(const v1::InteractResponse& message) {
   if (message.has_tile()) {
-    return Kind::kTile;
+    return AnswerKind::kTile;
   }
   if (message.has_exact_deferred()) {
-    return Kind::kDeferral;
+    return AnswerKind::kDeferral;
   }
-  return message.has_frame() ? Kind::kFrame : Kind::kError;
+  return message.has_frame() ? AnswerKind::kFrame : AnswerKind::kError;
 }
 
 }  // namespace
@@ -44,10 +44,10 @@ void InteractAnswer::SetError(const absl::Status& status) {
 }
 
 void InteractOutbox::Push(InteractAnswer answer, base::MonotonicTime now) {
-  const Kind kind = KindOf(answer.message);
-  const bool shows = kind == Kind::kFrame || kind == Kind::kTile;
+  const AnswerKind kind = KindOf(answer.message);
+  const bool shows = kind == AnswerKind::kFrame || kind == AnswerKind::kTile;
   const std::int64_t sequence = answer.message.sequence_number();
-  if (kind == Kind::kError) {
+  if (kind == AnswerKind::kError) {
     schedule_.OnError(now);
   }
   if (is_closed_ || (shows && sequence < newest_sequence_)) {
@@ -58,7 +58,7 @@ void InteractOutbox::Push(InteractAnswer answer, base::MonotonicTime now) {
     newest_sequence_ = sequence;
   }
   waiting_.remove_if([&](const InteractAnswer& older) {
-    const bool is_replaced = kind != Kind::kTile && KindOf(older.message) == kind;
+    const bool is_replaced = kind != AnswerKind::kTile && KindOf(older.message) == kind;
     if (is_replaced) {
       schedule_.OnDropped(older.is_of_exact_work);
     }
