@@ -189,4 +189,23 @@ absl::StatusOr<const ServedLevel*> ChooseLevel(const std::vector<ServedLevel>& l
   return chosen;
 }
 
+int CoarsestOf(const std::vector<ServedLevel>& levels,
+               const std::vector<volume::InsideRule>& rules) {
+  return levels.empty() || FirstMisfit(rules, levels.front().filter).has_value()
+             ? 0
+             : levels.back().level;
+}
+
+const ServedLevel* CoarserOf(const std::vector<ServedLevel>& levels,
+                             const std::vector<volume::InsideRule>& rules,
+                             const ServedLevel* chosen, int least) {
+  const int chosen_level = chosen == nullptr ? 0 : chosen->level;
+  if (least <= chosen_level || CoarsestOf(levels, rules) <= chosen_level) {
+    return chosen;
+  }
+  const auto first = std::find_if(levels.begin(), levels.end(),
+                                  [&](const ServedLevel& served) { return served.level >= least; });
+  return first == levels.end() ? &levels.back() : &*first;
+}
+
 }  // namespace isoscope::server

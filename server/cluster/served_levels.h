@@ -78,6 +78,16 @@ absl::StatusOr<const ServedLevel*> ChooseLevel(const std::vector<ServedLevel>& l
                                                const view::LevelChoice& choice,
                                                double pixels_per_unit);
 
+// Returns the coarsest level that the surfaces can be drawn from; 0 if that is level 0.
+int CoarsestOf(const std::vector<ServedLevel>& levels,
+               const std::vector<volume::InsideRule>& rules);
+
+// Returns `chosen`, or the first level that is at least `least`, whichever is coarser: the coarsest
+// one if there is none. `chosen` if a surface does not fit the levels.
+const ServedLevel* CoarserOf(const std::vector<ServedLevel>& levels,
+                             const std::vector<volume::InsideRule>& rules,
+                             const ServedLevel* chosen, int least);
+
 }  // namespace isoscope::server
 
 #endif  // ISOSCOPE_SERVER_CLUSTER_SERVED_LEVELS_H_

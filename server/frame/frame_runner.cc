@@ -65,6 +65,18 @@ bool ShowsPosition(const frame::ColorBy& color_by) {
          color_by.quantity == Quantity::kPositionZ;
 }
 
+// The finest level of at most CoarserLevel::kQuickSampleCount samples.
+int QuickLevelOf(const math::Index3& dims) {
+  double sample_count =
+      static_cast<double>(dims.x) * static_cast<double>(dims.y) * static_cast<double>(dims.z);
+  int level = 0;
+  while (sample_count > static_cast<double>(CoarserLevel::kQuickSampleCount)) {
+    sample_count /= 8;
+    ++level;
+  }
+  return level;
+}
+
 std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>& parts,
                         const frame::FrameSpec& spec) {
   std::vector<std::vector<int>> shard_indices;
@@ -105,19 +117,21 @@ absl::StatusOr<view::View> FrameTarget::ViewOf(const view::Camera& camera,
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::Prepare(FrameTicket* ticket, AskedFrame* asked,
-                                                 base::TraceRecorder* trace) {
+                                                 base::TraceRecorder* trace,
+                                                 const std::optional<CoarserLevel>& coarser) {
   {
     const base::TraceScope scope(trace, "memory");
     ISOSCOPE_RETURN_IF_ERROR(ticket->TakeMemory(asked->spec));
   }
   const base::TraceScope scope(trace, "find dataset");
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameTarget target, FindTarget(ticket->Identity(), asked));
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameTarget target, FindTarget(ticket->Identity(), asked, coarser));
   ticket->NoteDataset(target.dataset->dataset);
   return target;
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identity,
-                                                    AskedFrame* asked) {
+                                                    AskedFrame* asked,
+                                                    const std::optional<CoarserLevel>& coarser) {
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
   const frame::FrameSpec& spec = asked->spec;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
@@ -147,23 +161,32 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
   std::shared_ptr<const DatasetState> of_volume = selected.dataset;
   FrameTarget target{std::move(of_volume), std::move(parts), view, layout, order,
                      std::move(selected),  geometry};
-  ISOSCOPE_RETURN_IF_ERROR(PlaceLevel(asked, &target));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceLevel(coarser, asked, &target));
   ISOSCOPE_RETURN_IF_ERROR(
       frame::CheckOwners(frame::OwnerSurfaceCount(spec), target.layout.block_count()));
   return target;
 }
 
-absl::Status FrameRunner::PlaceLevel(AskedFrame* asked, FrameTarget* target) {
+absl::Status FrameRunner::PlaceLevel(const std::optional<CoarserLevel>& coarser, AskedFrame* asked,
+                                     FrameTarget* target) {
   asked->spec.level = 0;
-  if (!asked->level.has_value()) {
+  if (!asked->level.has_value() && !coarser.has_value()) {
     return absl::OkStatus();
   }
   const DatasetState& dataset = *target->dataset;
   const std::vector<volume::InsideRule> rules = frame::RulesOf(asked->spec);
   const double pixels_per_unit = view::PixelsPerUnit(target->view, asked->spec.clip.box);
-  ISOSCOPE_ASSIGN_OR_RETURN(const ServedLevel* const chosen,
-                            ChooseLevel(dataset.levels, dataset.dataset, target->whole, rules,
-                                        *asked->level, pixels_per_unit));
+  const ServedLevel* chosen = nullptr;
+  if (asked->level.has_value()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(chosen, ChooseLevel(dataset.levels, dataset.dataset, target->whole,
+                                                  rules, *asked->level, pixels_per_unit));
+  }
+  target->asked_level = chosen == nullptr ? 0 : chosen->level;
+  target->coarsest_level = std::max(CoarsestOf(dataset.levels, rules), target->asked_level);
+  if (coarser.has_value()) {
+    chosen = CoarserOf(dataset.levels, rules, chosen,
+                       coarser->least.value_or(QuickLevelOf(target->whole.sample_dims)));
+  }
   target->level = chosen == nullptr ? 0 : chosen->level;
   asked->spec.level = target->level;
   const volume::GridGeometry grid = GridOfLevel(target->whole, target->level);
@@ -243,6 +266,46 @@ absl::StatusOr<CellBoxCache::CellBox> FrameRunner::FindCellBox(const FrameIdenti
     cell_boxes_.Insert(key, *outcome.result);
   }
   return std::move(outcome.result);
+}
+
+absl::StatusOr<std::int64_t> FrameRunner::FindActiveBytes(const FrameIdentity& identity,
+                                                          const frame::FrameSpec& spec,
+                                                          const FrameTarget& target) {
+  const std::string& dataset_id = target.dataset->dataset.dataset_id();
+  const std::vector<volume::InsideRule> rules = frame::RulesOf(spec);
+  const std::string key = ActiveCounts::KeyOf(dataset_id, target.level, rules, spec.clip);
+  if (const std::optional<std::int64_t> known = active_counts_.Find(key)) {
+    return BytesOfBlocks(target, *known);
+  }
+  const QueryOutcome<ActiveExtent> outcome =
+      AskActiveBox({dataset_id, target.parts, state_.NextTurn(), target.level}, target.layout,
+                   rules, spec.clip, *identity.request, *identity.cancellation);
+  state_.ReportQuery(*identity.request, outcome.report);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  active_counts_.Insert(key, outcome.result->active_block_count);
+  return BytesOfBlocks(target, outcome.result->active_block_count);
+}
+
+// A block has a sample more than cells on each axis, and a ghost on each side.
+std::int64_t BytesOfBlocks(const FrameTarget& target, std::int64_t block_count) {
+  const isoscope::v1::Dataset& dataset = target.dataset->dataset;
+  constexpr std::int64_t kBesides = 3;
+  const isoscope::v1::Dimensions& cells = dataset.block_cells();
+  const std::int64_t samples =
+      (cells.x() + kBesides) * (cells.y() + kBesides) * (cells.z() + kBesides);
+  const absl::StatusOr<volume::ScalarType> type =
+      wire::ScalarTypeFromProto(dataset.sample_type(), "sample_type");
+  if (!type.ok()) {
+    return block_count * samples;
+  }
+  const auto served =
+      std::find_if(target.dataset->levels.begin(), target.dataset->levels.end(),
+                   [&](const ServedLevel& of_dataset) { return of_dataset.level == target.level; });
+  const volume::ScalarType of_level =
+      served == target.dataset->levels.end()
+          ? *type
+          : volume::LevelOf(target.whole, *type, served->filter, served->level).type;
+  return block_count * samples * static_cast<std::int64_t>(volume::SizeOf(of_level));
 }
 
 // One try of a frame with some parts: begins them on agents, and records the agents' success.

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -21,6 +22,7 @@
 #include "server/cluster/frame_part.h"
 #include "server/cluster/series_state.h"
 #include "server/frame/active_blocks.h"
+#include "server/frame/active_counts.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/agent_room.h"
 #include "server/frame/cell_boxes.h"
@@ -45,7 +47,9 @@ struct FrameTarget {
   SelectedVolume selected;     // `dataset` is its dataset
   volume::GridGeometry whole;  // of level 0
   int level = 0;
-  double spacing_px = 0;  // of the level, if the request has a choice of one
+  int asked_level = 0;     // the one that the request asks for; `level` may be coarser
+  int coarsest_level = 0;  // of those that fit the surfaces
+  double spacing_px = 0;   // of the level, if the request has a choice of one
 
   // Returns the view of another camera or window. Errors as View::Make.
   [[nodiscard]] absl::StatusOr<view::View> ViewOf(const frame::FrameSpec& spec) const {
@@ -57,6 +61,16 @@ struct FrameTarget {
 };
 
 using wire::AskedFrame;
+
+// Lets a frame be of a coarser level than it asks for.
+struct CoarserLevel {
+  // The samples of a volume that is drawn quickly, on few cores: 512 x 512 x 512.
+  static constexpr std::int64_t kQuickSampleCount = std::int64_t{1} << 27;
+
+  // The frame is of this level, or of a coarser one that it asks for. Not set: of the finest one of
+  // at most kQuickSampleCount samples.
+  std::optional<int> least = 0;
+};
 
 // The place of a drawing among those of its call.
 struct DrawingContext {
@@ -82,8 +96,16 @@ class FrameRunner {
   // says.
   //
   // trace: null: no trace was asked for
+  // coarser: not set: of the level that it asks for
   absl::StatusOr<FrameTarget> Prepare(FrameTicket* ticket, AskedFrame* asked,
-                                      base::TraceRecorder* trace);
+                                      base::TraceRecorder* trace,
+                                      const std::optional<CoarserLevel>& coarser = std::nullopt);
+
+  // Returns the bytes of the samples of all active blocks of the target's level that are not wholly
+  // outside of the clip region, from the cache or from an agent. Blocks. Errors as AskActiveBox.
+  absl::StatusOr<std::int64_t> FindActiveBytes(const FrameIdentity& identity,
+                                               const frame::FrameSpec& spec,
+                                               const FrameTarget& target);
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
   // With allow_partial, `parts` loses those that no agent could do, and the frame shows the others.
@@ -105,14 +127,17 @@ class FrameRunner {
     active_blocks_.AppendMetrics(families);
     cell_boxes_.AppendSamples(&families->back());
     unresolved_counts_.AppendSamples(&families->back());
+    active_counts_.AppendSamples(&families->back());
   }
 
  private:
   class Attempt;
-  absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked);
+  absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked,
+                                         const std::optional<CoarserLevel>& coarser);
   // Turns a target of level 0 into one of the level that the frame asks for, and sets
   // FrameSpec::level. Once, for all bands and drawings of the frame.
-  absl::Status PlaceLevel(AskedFrame* asked, FrameTarget* target);
+  absl::Status PlaceLevel(const std::optional<CoarserLevel>& coarser, AskedFrame* asked,
+                          FrameTarget* target);
   // Resolves the camera of the frame. Asks agents for the box of the surface if the camera fits it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
                            const isoscope::v1::Dataset& dataset,
@@ -131,7 +156,11 @@ class FrameRunner {
   CellBoxCache cell_boxes_;
   SampleCountsCache sample_counts_;
   UnresolvedCounts unresolved_counts_;
+  ActiveCounts active_counts_;
 };
+
+// Returns the bytes of the samples of some blocks of the target's level, as if none were at the border.
+std::int64_t BytesOfBlocks(const FrameTarget& target, std::int64_t block_count);
 
 // Returns the layout of the dataset's blocks on a grid: its own, or that of a level. INVALID_ARGUMENT
 // if it has none.

@@ -116,19 +116,20 @@ absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runne
 
 absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runner,
                                                               std::shared_ptr<FrameTicket> ticket,
-                                                              AskedFrame asked,
-                                                              int depth_grid_side) {
+                                                              AskedFrame asked, int depth_grid_side,
+                                                              std::optional<CoarserLevel> coarser) {
   ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(asked.spec, /*may_band=*/true));
   return std::unique_ptr<PictureJob>(
-      new PictureJob(runner, std::move(ticket), std::move(asked), depth_grid_side));
+      new PictureJob(runner, std::move(ticket), std::move(asked), depth_grid_side, coarser));
 }
 
 PictureJob::PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
-                       int depth_grid_side)
+                       int depth_grid_side, std::optional<CoarserLevel> coarser)
     : runner_(*runner),
       ticket_(std::move(ticket)),
       asked_(std::move(asked)),
-      depth_grid_side_(depth_grid_side) {
+      depth_grid_side_(depth_grid_side),
+      coarser_(coarser) {
   if (asked_.with_trace) {
     // The agents of the frame may have three times as many spans.
     trace_ = std::make_unique<Trace>(
@@ -152,10 +153,15 @@ void PictureJob::ReleaseImages() {
   layers_ = image::LayerStack();
 }
 
+absl::Status PictureJob::RunIf(Begins begins, Response* response,
+                               absl::FunctionRef<void()> on_drawn) {
+  return ticket_->Run(asked_.spec, cost_, [&] { return TryRun(&begins, response, on_drawn); });
+}
+
 absl::Status PictureJob::Run(Response* response, absl::FunctionRef<void()> on_drawn) {
   return ticket_->Run(asked_.spec, cost_, [&]() -> absl::Status {
     const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
-    ISOSCOPE_RETURN_IF_ERROR(TryRun(response, on_drawn));
+    ISOSCOPE_RETURN_IF_ERROR(TryRun(/*begins=*/nullptr, response, on_drawn));
     if (trace_ != nullptr) {
       AddTrace(begin, response);
     }
@@ -180,18 +186,35 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
   }
 }
 
-absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
+absl::Status PictureJob::TryRun(const Begins* begins, Response* response,
+                                absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_.Prepare(ticket_.get(), &asked_, recorder()));
+                            runner_.Prepare(ticket_.get(), &asked_, recorder(), coarser_));
   parts_ = target.parts;
+  if (begins != nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(facts_, FindFacts(target));
+    if (!(*begins)(facts_)) {
+      ticket_->PutOff();
+      put_off_.emplace(target);
+      return absl::OkStatus();
+    }
+  }
   FrameOutput output;
   if (asked_.spec.output.is_drawn()) {
     ISOSCOPE_RETURN_IF_ERROR(RenderInRanges(target, on_drawn, &output));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));  // which the answer tells
+  }
+  return Complete(target, std::move(output), response);
+}
+
+absl::Status PictureJob::Complete(const FrameTarget& target, FrameOutput output,
+                                  Response* response) {
+  NoteDrawn(target);
+  if (asked_.spec.output.is_drawn()) {
     ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
     ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
     ISOSCOPE_RETURN_IF_ERROR(FindUnresolved(target));
-  } else {
-    ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));  // which the answer tells
   }
   ISOSCOPE_RETURN_IF_ERROR(FindBounds(target, &output));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
@@ -228,15 +251,30 @@ void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
   }
   *response->mutable_statistics() = ToProto(cost_);
   response->mutable_statistics()->set_level(target.level);
-  if (asked_.level.has_value()) {
-    v1::DrawnLevel* const drawn = response->mutable_drawn_level();
-    drawn->set_level(target.level);
-    drawn->set_max_spacing_px(target.spacing_px);
-    *drawn->mutable_spacing() = wire::ToProto(view::WorldSpacing(target.view.geometry()));
+  if (asked_.level.has_value() || coarser_.has_value()) {
+    *response->mutable_drawn_level() = ToProto(facts_);
   }
   AddColorings(asked_.spec, target.whole, contents_, response);
   response->mutable_notes()->Assign(notes_.begin(), notes_.end());
   MoveInto(std::move(output), asked_.spec.output.image_format, response);
+}
+
+// Only the facts that tell the level cost nothing.
+void PictureJob::NoteDrawn(const FrameTarget& target) {
+  facts_.level = target.level;
+  facts_.asked_level = target.asked_level;
+  facts_.coarsest_level = target.coarsest_level;
+  facts_.spacing_px = target.spacing_px;
+  facts_.spacing = view::WorldSpacing(target.view.geometry());
+  facts_.active_bytes = BytesOfBlocks(target, cost_.total.active_block_count);
+}
+
+v1::DrawnLevel ToProto(const FrameFacts& facts) {
+  v1::DrawnLevel drawn;
+  drawn.set_level(facts.level);
+  drawn.set_max_spacing_px(facts.spacing_px);
+  *drawn.mutable_spacing() = wire::ToProto(facts.spacing);
+  return drawn;
 }
 
 absl::Status PictureJob::FindNotes(const FrameTarget& target) {

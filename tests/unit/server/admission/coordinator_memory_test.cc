@@ -515,5 +515,20 @@ TEST(CoordinatorMemoryTest, ExportsWaitForOneAnother) {
   waiting.join();
 }
 
+// Views keep pixels between tiles while they wait for frames: nobody may wait for those.
+TEST(CoordinatorMemoryTest, PixelsOfTilesHaveAShareOfTheirOwnAndNeverWait) {
+  CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
+  EXPECT_GE(memory.tiles_bytes(), std::size_t{1024} * 1024 * 4) << "a view of 1024 x 1024 pixels";
+  EXPECT_GT(memory.unused_image_bytes(), std::size_t{0});
+  {
+    const auto all = memory.TryKeepTiles(memory.tiles_bytes());
+    EXPECT_TRUE(all.has_value());
+    EXPECT_EQ(memory.frame_bytes(), std::size_t{0});
+    EXPECT_FALSE(memory.TryKeepTiles(1).has_value());
+  }
+  EXPECT_FALSE(memory.TryKeepTiles(memory.tiles_bytes() + 1).has_value());
+  EXPECT_TRUE(memory.TryKeepTiles(memory.tiles_bytes()).has_value());
+}
+
 }  // namespace
 }  // namespace isoscope::server

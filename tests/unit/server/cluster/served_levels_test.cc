@@ -108,6 +108,28 @@ AgentState Agent(const std::string& address, internal::ShardDescription shard) {
 }
 
 // MakeShard has 9^3 samples: level 1 has 4^3, level 2 has 2^3.
+// What a view in motion gets: at least as coarse as its time needs, never finer than it asks.
+TEST(ServedLevelsTest, ACoarserLevelIsTheFirstServedOneThatIsCoarseEnough) {
+  const std::vector<ServedLevel> levels =
+      ServedLevelsOf({{0, {Owner("a:1", {1, 3, 4})}}, {1, {Owner("b:1", {1, 3, 4})}}});
+  ASSERT_EQ(levels.size(), 3U);
+  const std::vector<volume::InsideRule> isovalue = {volume::InsideRule::OfIsovalue(7)};
+  const auto level_of = [&](const ServedLevel* chosen, int least) {
+    const ServedLevel* const coarser = CoarserOf(levels, isovalue, chosen, least);
+    return coarser == nullptr ? 0 : coarser->level;
+  };
+  EXPECT_EQ(level_of(nullptr, 0), 0);
+  EXPECT_EQ(level_of(nullptr, 1), 1);
+  EXPECT_EQ(level_of(nullptr, 2), 3);
+  EXPECT_EQ(level_of(nullptr, 9), 4) << "the coarsest one";
+  EXPECT_EQ(level_of(&levels[1], 0), 3);
+  EXPECT_EQ(level_of(&levels[1], 1), 3) << "never finer";
+  EXPECT_EQ(level_of(&levels[2], 9), 4);
+  EXPECT_EQ(CoarsestOf(levels, isovalue), 4);
+  EXPECT_EQ(CoarsestOf({}, isovalue), 0);
+  EXPECT_EQ(CoarserOf({}, isovalue, nullptr, 3), nullptr);
+}
+
 TEST(ServedLevelsTest, TheDatasetTellsGridBlocksAndFilter) {
   const DatasetState state =
       DatasetsOf({Agent("a:1", WithLevels(MakeShard("head", 0, 2), {1, 2},
