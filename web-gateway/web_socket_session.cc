@@ -98,7 +98,8 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
         parts_->client, token_, identity_,
         [self = shared_from_this()](v1::InteractResponse response) {
           FrameQueue::Frame frame{.frame_number = response.frame_number(),
-                                  .adds_to_picture = AddsToPicture(response)};
+                                  .adds_to_picture = AddsToPicture(response),
+                                  .bytes = ""};
           frame.bytes = EncodeFrame(std::move(response));
           self->socket_->Post(
               [self, frame = std::move(frame)]() mutable { self->Offer(std::move(frame)); });
