@@ -620,7 +620,7 @@ const ALONE = ['caps', 'smooth-labels', ...EFFECTS.map(({ flag }) => flag)];
 /**
  * Returns the state of the part of an address after '#', and a sentence for each part that is wrong
  * and left out. A word with the value null, or without a required value, counts as absent.
- * @param {string} hash @returns {{state: FrameRequest, problems: string[], limits: import('./levels.js').Limits | null}}
+ * @param {string} hash @returns {{state: FrameRequest, problems: string[], limits?: import('./levels.js').Limits}} with limits only where the link has some
  */
 export function stateFromHash(hash) {
   const link = new Link();
@@ -675,5 +675,5 @@ export function stateFromHash(hash) {
       delete state[key];
     }
   }
-  return { state, problems, limits: link.limits };
+  return { state, problems, ...(link.limits ? { limits: link.limits } : {}) };
 }
