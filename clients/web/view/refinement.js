@@ -44,9 +44,18 @@ export class Refinement {
     return { ...this.#limits };
   }
 
-  set limits(limits) {
-    this.#limits = { ...UNLIMITED, ...limits };
-    this.#deferred = null;
+  /**
+   * Takes other limits. A server does not repeat what it said of the same ones.
+   * @param {Partial<Limits>} given @returns {boolean} false if they are the same
+   */
+  setLimits(given) {
+    const limits = { ...UNLIMITED, ...given };
+    const isOther = limits.seconds !== this.#limits.seconds || limits.bytes !== this.#limits.bytes;
+    if (isOther) {
+      this.#limits = limits;
+      this.#deferred = null;
+    }
+    return isOther;
   }
 
   /** Lets the exact frame of the next state's picture cost what it may. */

@@ -131,8 +131,7 @@ export class View extends EventTarget {
   }
 
   set limits(limits) {
-    this.loop.refinement.limits = limits;
-    if (this.hasState) {
+    if (this.loop.refinement.setLimits(limits) && this.hasState) {
       this.loop.askAgain();
     }
   }

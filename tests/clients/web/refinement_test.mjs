@@ -67,7 +67,7 @@ test('limits and the pointer are asked for, and a lift is for one picture', () =
   assert.deepEqual(refinement.toJson(1), { ...all, focus: { x: 0.25, y: 1 } }, 'a pointer that moves takes nothing back');
   refinement.focus = null;
   assert.deepEqual(refinement.toJson(2), { ...all, ...limits }, 'another view has its limits again');
-  refinement.limits = { seconds: null, bytes: 1e9 };
+  assert.equal(refinement.setLimits({ seconds: null, bytes: 1e9 }), true);
   assert.deepEqual(refinement.toJson(2), { ...all, maxExactBytes: '1000000000' });
 });
 
@@ -87,6 +87,15 @@ test('tiles count once each, for their picture only, and the exact frame ends th
   refinement.takeTile(2, 0, 4);
   refinement.complete(2);
   assert.equal(refinement.progressOf(2), null);
+});
+
+test('limits that stay the same keep what was told of them: the server does not repeat it', () => {
+  const refinement = new Refinement({ seconds: 10, bytes: null });
+  refinement.takeDeferred(1, { expectedBytes: '5' });
+  assert.equal(refinement.setLimits({ seconds: 10, bytes: null }), false);
+  assert.equal(refinement.deferredOf(1)?.bytes, 5);
+  assert.equal(refinement.setLimits({ seconds: 11, bytes: null }), true);
+  assert.equal(refinement.deferredOf(1), null);
 });
 
 // ---- words ----
