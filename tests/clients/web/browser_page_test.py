@@ -636,8 +636,7 @@ class RefiningTest(base.PageTest):
         self.show('level 2, 1 sample = 0.9 px')
         self.until('!document.getElementById("exact-offer").hidden')
         self.assertEqual('exact: 2.1 GB, about 40 s', self.browser.find_element(By.ID, 'exact-cost').text)
-        self.assertEqual('37 blocks of the surface are not resolved at this level.',
-                         self.browser.find_element(By.ID, 'state').get_attribute('title'))
+        self.until('document.getElementById("state").title === "37 blocks of the surface are not resolved at this level."')
         self.assertEqual('', self.notice())
         self.assertEqual({'maxExactBytes': '4000000000', 'maxExactDuration': '10.000s'},
                          {name: value for name, value in self.gateway.control()['last']['refinement'].items() if name.startswith('max')})
