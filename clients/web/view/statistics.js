@@ -23,7 +23,7 @@ class Samples {
 }
 
 export class Statistics {
-  counts = { framesShown: 0, exactShown: 0, framesDropped: 0, warpsDrawn: 0, bytesReceived: 0,
+  counts = { framesShown: 0, exactShown: 0, tilesShown: 0, framesDropped: 0, warpsDrawn: 0, bytesReceived: 0,
     bitmapsMade: 0, bitmapsClosed: 0, reconnects: 0, statesSent: 0 };
   latency = new Samples();
   roundTrip = new Samples();
@@ -69,14 +69,4 @@ export class Statistics {
       decodeMs: this.decode.summary(),
     };
   }
-}
-
-/**
- * The level of a picture, for people: "level 2, 1 sample = 0.9 px"; '' if it has all samples.
- * @param {import('./types.js').DrawnLevelJson | undefined} drawn
- */
-export function levelText(drawn) {
-  const level = Number(drawn?.level ?? 0);
-  const spacing = Number(drawn?.maxSpacingPx ?? 0);
-  return level === 0 ? '' : `level ${level}${spacing > 0 ? `, 1 sample = ${Number(spacing.toPrecision(2))} px` : ''}`;
 }

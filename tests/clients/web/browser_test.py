@@ -132,7 +132,8 @@ class PageTest(unittest.TestCase):
     def setUp(self):
         self.browser.get('about:blank')
         self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, steps=6,
-                             features=['notes'], note=None, maxViewportPx=4096, mostPixels=None, hasWebp=False, hidden=None, reset=True)
+                             features=['notes'], note=None, maxViewportPx=4096, mostPixels=None, hasWebp=False, hidden=None, refine=None,
+                             levels=0, unresolved=0, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')

@@ -6,7 +6,7 @@ import { test } from 'node:test';
 import * as view from '../../../clients/web/isoscope-view.js';
 import { Frames, refusalOf } from '../../../clients/web/view/frames.js';
 import { Model } from '../../../clients/web/view/model.js';
-import { levelText } from '../../../clients/web/view/statistics.js';
+import { levelText } from '../../../clients/web/view/refinement.js';
 import { workerSource } from '../../../clients/web/view/worker.js';
 import { draw, gridOf } from './mock_gateway.mjs';
 import { cornerDepth, warpByGrid, warpPoint } from './warp.mjs';
