@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/terminal/show_picture.h"
@@ -35,6 +36,7 @@ view::Viewport ScaledToSide(const view::Viewport& size, int max_side) {
 }
 
 constexpr absl::string_view kKeys = "  ? help  q quit ";
+constexpr absl::string_view kGap = "   ";
 // Narrower windows say no keys.
 constexpr std::size_t kLeastRoom = 40;
 
@@ -77,12 +79,19 @@ std::string StatusText(absl::string_view shown, absl::string_view message,
   const auto width = static_cast<std::size_t>(std::max(0, columns));
   const absl::string_view keys = width >= kLeastRoom + kKeys.size() ? kKeys : "";
   const std::size_t room = width - keys.size();
-  // Names and messages come from outside.
-  std::string text =
-      base::Printable(absl::StrCat(" ", shown, message.empty() && figures.empty() ? "" : "   ",
-                                   message.empty() ? figures : message));
+  absl::string_view rest = message.empty() ? figures : message;
+  const auto join = [&] {
+    // Names and messages come from outside.
+    return base::Printable(absl::StrCat(" ", shown, rest.empty() ? "" : kGap, rest));
+  };
+  std::string text = join();
   if (!message.empty() && CharactersOf(text) > room) {
     text = base::Printable(absl::StrCat(" ", message));
+  }
+  // The last figures are the least ones.
+  while (message.empty() && CharactersOf(text) > room && absl::StrContains(rest, kGap)) {
+    rest = rest.substr(0, rest.rfind(kGap));
+    text = join();
   }
   return absl::StrCat(Filled(text, room), keys);
 }

@@ -29,9 +29,10 @@ struct ViewerLayout {
 // have up to four times as many, so that edges are smooth.
 ViewerLayout LayoutOf(PictureFormat format, const TerminalSize& terminal);
 
-// What the last row says: `shown`, then `message`, or `figures` if that is empty, and
-// the keys at the right where there is room. A long message stands without `shown`. What is cut ends
-// with "...". Exactly `columns` characters, without terminal commands, whatever the texts have.
+// What the last row says: `shown`, then `message`, or `figures` if that is empty, and the keys at
+// the right where there is room. A long message stands without `shown`. Of figures, which have three
+// spaces between them, the last ones are left out first. What is cut ends with "...". Exactly
+// `columns` characters, without terminal commands, whatever the texts have.
 std::string StatusText(absl::string_view shown, absl::string_view message,
                        absl::string_view figures, int columns);
 

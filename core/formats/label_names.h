@@ -25,8 +25,8 @@ namespace isoscope::source {
 //                                              words (value,name,color) is passed over
 //   17 Hippocampus_L 4101                      list of MRIcron: value, name, and a number or none
 //
-// Alpha, opacity, switches and the number of a list are not used. Returns the labels by value. `where` is for messages.
-// INVALID_ARGUMENT: a line of another form, a value twice, or labels that
+// Alpha, opacity, switches and the number of a list are not used. Returns the labels by value.
+// `where` is for messages. INVALID_ARGUMENT: a line of another form, a value twice, or labels that
 // volume::ValidateLabels refuses; names the line. Takes any bytes.
 absl::StatusOr<std::vector<volume::Label>> ParseLabelNames(absl::string_view text,
                                                            absl::string_view where);

@@ -115,7 +115,7 @@ TEST_F(TerminalTest, RenderNeedsNoFileOnATerminalAndAsksWhatThatCan) {
 
 TEST_F(TerminalTest, ASilentTerminalGetsBlocks) {
   PseudoTerminal terminal(kWindow);
-  terminal.Start(RenderCommand({}), Environment({"TERM=xterm", "COLORTERM=truecolor"}));
+  terminal.Start(RenderCommand({"--quiet"}), Environment({"TERM=xterm", "COLORTERM=truecolor"}));
   ASSERT_EQ(terminal.Wait(), 0) << terminal.bytes();
   const TerminalScreen screen = ReadTerminalBytes(terminal.bytes());
   EXPECT_EQ(screen.pictures.size(), 0);
@@ -127,7 +127,7 @@ TEST_F(TerminalTest, ASilentTerminalGetsBlocks) {
 TEST_F(TerminalTest, BlocksOf256ColoursAreTrueInTheMean) {
   const auto shown_with = [&](const std::vector<std::string>& variables) {
     PseudoTerminal terminal(kWindow);
-    terminal.Start(RenderCommand({"--show", "blocks"}), Environment(variables));
+    terminal.Start(RenderCommand({"--quiet", "--show", "blocks"}), Environment(variables));
     EXPECT_EQ(terminal.Wait(), 0) << terminal.bytes();
     return ReadTerminalBytes(terminal.bytes()).blocks;
   };

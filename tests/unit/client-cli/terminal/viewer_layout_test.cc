@@ -34,6 +34,11 @@ TEST(StatusTextTest, WhatFitsIsWhole) {
   EXPECT_EQ(StatusText("head", "", "", 6), " head ");
 }
 
+TEST(StatusTextTest, TheTimeOfAFrameGivesWayToItsSize) {
+  EXPECT_EQ(StatusText("head   isovalue 60", "", "320 x 176 exact   12 ms", 40),
+            " head   isovalue 60   320 x 176 exact   ");
+}
+
 TEST(StatusTextTest, NarrowWindowsAndOtherAlphabetsKeepToTheWidth) {
   EXPECT_EQ(StatusText("head", "", "640 x 480", 10), " head  ...");
   EXPECT_EQ(StatusText("head", "", "", 2), "..");
