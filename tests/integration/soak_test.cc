@@ -1203,10 +1203,10 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
         view::View::Make(*spec.camera, spec.viewport, reader.manifest().geometry, spec.region));
     visibility::DepthBounds bounds(view.image_size().width_px, view.image_size().height_px);
     for (int part = 0; part < part_count; ++part) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const visibility::DepthBounds of_part,
-                                agent::BoundsOfPart(reader.layout(), reader.ranges(), view, spec,
-                                                    {.part_index = part, .part_count = part_count},
-                                                    arena, base::Cancellation()));
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          const visibility::DepthBounds of_part,
+          agent::BoundsOfPart(reader, view, spec, {.part_index = part, .part_count = part_count},
+                              arena, base::Cancellation()));
       bounds.UniteWith(of_part);
     }
     return bounds;
