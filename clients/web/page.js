@@ -348,7 +348,7 @@ function drawPill() {
     : kind === 'coarse' ? `${shown.pictureText} · ${stats.width} × ${stats.height}`
     : kind === 'deferred' || kind === 'tiles' ? shown.pictureText || 'not exact'
     : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}`
-    : shown.pictureText ? `${shown.pictureText} …` : `drawing${latency || ' …'}`;
+    : shown.pictureText ? `${shown.pictureText} …` : `drawing${shown.isCurrent && latency || ' …'}`;
   const told = shown.isCurrent && !moves() ? unresolved : '';
   if (told !== page.state.title) {
     page.state.title = told;

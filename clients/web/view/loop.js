@@ -248,9 +248,9 @@ export class Loop {
 
   #send() {
     const { model, stream } = this;
-    const isRefocus = this.#isRefocused && !stream.isDirty;
+    const before = this.#isRefocused && !stream.isDirty ? stream.frame : null;
     this.#isRefocused = false;
-    if (!this.connection.isOpen || !(stream.isDirty || isRefocus) || !model.isSet || document.hidden) {
+    if (!this.connection.isOpen || !(stream.isDirty || before) || !model.isSet || document.hidden) {
       return;
     }
     if (this.#yieldedWeight && this.#yieldedWeight !== this.#weight()) {
@@ -260,17 +260,14 @@ export class Loop {
         this.overlay.resized();
       }
     }
-    const frame = model.toState();
-    frame.viewport = { widthPx: this.picture.width, heightPx: this.picture.height };
-    if (isRefocus && !stream.isSame(frame)) {
-      return;  // the camera is the server's: named, it would be that of another picture
-    }
+    // For its place only, a state is that of before: with the camera that the server chose, it would be another picture.
+    const frame = before ?? { ...model.toState(), viewport: { widthPx: this.picture.width, heightPx: this.picture.height } };
     const refinement = this.refinement.isKnown && this.connection.name === 'gateway' ? this.refinement : null;
     this.#focusSent = { ...(this.refinement.focus ?? { x: 0.5, y: 0.5 }), time: performance.now() };
     this.connection.send(stream.next(frame, this.#options.targetFramesPerSecond ?? 30, refinement));
     this.statistics.counts.statesSent += 1;
     // Of a picture that is here nothing more comes, unless the server knows no pictures.
-    if (!isRefocus && !(refinement && this.frames.shownPicture === stream.picture && this.picture.frame?.isExact)) {
+    if (!before && !(refinement && this.frames.shownPicture === stream.picture && this.picture.frame?.isExact)) {
       this.notices.beginWaiting();
     }
   }

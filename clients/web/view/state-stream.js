@@ -40,6 +40,11 @@ export class StateStream {
   isDirty = false;
   /** The number of the last state's picture. */
   picture = 0;
+  /**
+   * The request of the last state; null: none was sent on this connection.
+   * @type {FrameRequest | null}
+   */
+  frame = null;
   #words = '';
   #looseWords = '';
   #seed = 0;
@@ -95,6 +100,7 @@ export class StateStream {
   next(frame, targetFramesPerSecond, refinement = null) {
     const now = performance.now();
     const asked = this.#toPicture(frame);
+    this.frame = frame;
     this.isDirty = false;
     this.#sentAt = now;
     this.sequence += 1;
@@ -121,6 +127,7 @@ export class StateStream {
   /** The connection is another one: no state of the last one is answered any more. */
   clear() {
     this.#sent.clear();
+    this.frame = null;
     this.#words = this.#looseWords = '';
   }
 }

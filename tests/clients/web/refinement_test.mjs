@@ -30,6 +30,16 @@ test('states with the same request are of one picture, whatever the order of its
   assert.deepEqual([1, 2, 3].map((sequence) => stream.of(sequence)?.picture), [1, 1, 2]);
 });
 
+test('the request of the last state, without the camera that the server chose, is of the same picture', () => {
+  const stream = new StateStream();
+  assert.equal(stream.frame, null);
+  stream.next({ dataset: 'a', cameraFit: 'CAMERA_FIT_CELLS' }, 30);
+  stream.next(stream.frame ?? {}, 30);
+  assert.deepEqual([stream.frame, stream.picture], [{ dataset: 'a', cameraFit: 'CAMERA_FIT_CELLS' }, 1]);
+  stream.clear();
+  assert.equal(stream.frame, null, 'another connection has no state');
+});
+
 test('a new picture has a request of its own, also where a server would see none', () => {
   const stream = new StateStream();
   const refinement = new Refinement();
