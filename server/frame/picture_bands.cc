@@ -259,6 +259,7 @@ absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGri
 absl::Status PictureJob::RenderBandOf(const BandsOfPicture& picture, const view::Region& band,
                                       absl::FunctionRef<void()> on_drawn,
                                       std::optional<FrameCost>* cost) {
+  const std::size_t part_count = parts_.size();
   const frame::FrameSpec spec = SpecOfBand(asked_.spec, band);
   FrameTarget of_band = picture.target;
   ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, picture.target.ViewOf(spec));
@@ -269,6 +270,9 @@ absl::Status PictureJob::RenderBandOf(const BandsOfPicture& picture, const view:
                     .drawn = picture.drawn,
                     .joiner = picture.joiner};
   ISOSCOPE_RETURN_IF_ERROR(RenderBand(piece, on_drawn));
+  if (parts_.size() < part_count) {
+    return absl::OkStatus();  // a part was lost, and all bands begin again
+  }
   if (!cost->has_value()) {
     *cost = std::move(cost_);
   } else {
