@@ -74,8 +74,8 @@ struct ActiveExtent {
 
 // Returns the number of blocks that are active for any of some surfaces and not wholly outside of
 // `clip`, and their box. Blocks of missing shards count too. Asks one agent of any part, because
-// every agent knows all ranges. Blocks are those of the target's level. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED,
-// CANCELLED.
+// every agent knows all ranges. Blocks are those of the target's level. Waits. UNAVAILABLE,
+// FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<volume::InsideRule>& rules,
@@ -93,9 +93,9 @@ QueryOutcome<std::optional<math::IndexBox>> AskCellBox(const QueryTarget& target
                                                        const base::TraceContext& identity,
                                                        const base::Cancellation& cancellation);
 
-// Returns the bounds of depth in the picture of a frame, of blocks of missing shards, too. The agents
-// of the parts share the blocks; each of them could do any share, because every agent knows all
-// ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+// Returns the bounds of depth in the picture of a frame, of blocks of missing shards, too. The
+// agents of the parts share the blocks; each of them could do any share, because every agent knows
+// all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
 //
 // spec: has a camera, and a picture of at most frame::kMaxBoundsPixels
 QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
@@ -103,8 +103,8 @@ QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
                                                      const base::TraceContext& identity,
                                                      const base::Cancellation& cancellation);
 
-// Returns the number of active blocks of level 0 that a level shows nothing of, for one surface. Asks
-// every part, whose agents read the level's blocks. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
+// Returns the number of active blocks of level 0 that a level shows nothing of, for one surface.
+// Asks every part, whose agents read the level's blocks. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
 // DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
 //
 // block_count: of level 0

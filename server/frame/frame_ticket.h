@@ -152,7 +152,7 @@ class FrameTicket {
   const FrameClaim claim_;
   const base::MonotonicTime start_ = base::MonotonicNow();
   bool may_band_ = false;
-  CallWork work_;           // its memory is returned when gRPC is done with the response
+  CallWork work_;  // its memory is returned when gRPC is done with the response
   bool is_put_off_ = false;
   absl::Status lost_turn_;  // why the turn did not come
   std::optional<FrameBoard::Entry> on_board_;
