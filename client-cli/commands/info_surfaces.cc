@@ -28,6 +28,7 @@ isoscope::v1::RenderIsosurfaceRequest FrameLike(
   frame.mutable_viewport()->set_width_px(kLevelCostSidePx);
   frame.mutable_viewport()->set_height_px(kLevelCostSidePx);
   frame.mutable_output()->set_image_format(isoscope::v1::OutputOptions::IMAGE_FORMAT_NONE);
+  frame.mutable_output()->set_surface_index(true);  // the smallest answer
   if (request.has_clip()) {
     *frame.mutable_clip() = request.clip();
   }

@@ -135,7 +135,7 @@ class LevelsTest(unittest.TestCase):
     shutil.rmtree(os.path.join(dataset, 'shard-00001-of-00002', 'level_2'))
     done = isoscope('render', dataset, *VIEW, '--level', '2', '--output', self.path('no.png'), check=False)
     self.assertNotEqual(done.returncode, 0)
-    self.assertIn('level 2', done.stderr)
+    self.assertIn('level is 2', done.stderr)
     self.assertFalse(os.path.exists(self.path('no.png')))
     self.assertEqual(self.picture(dataset, '--max-spacing', '1000'), first)
 
@@ -145,7 +145,7 @@ class LevelsTest(unittest.TestCase):
 
     self.assertNotIn('levels', surfaces(self.partition('none'))[0])
     dataset = self.partition('two', '--levels', '2')
-    levels = surfaces(dataset, '--isovalue', '100')[1]['levels']
+    levels = surfaces(dataset, '--isovalue', '100')[0]['levels']
     self.assertEqual([level['level'] for level in levels], [0, 1, 2])
     for finer, coarser in zip(levels, levels[1:]):
       self.assertGreater(finer['triangle_count'], coarser['triangle_count'])
@@ -209,9 +209,9 @@ class LevelsTest(unittest.TestCase):
                self.path(f's{step}.nrrd'), '--quiet')
     os.makedirs(self.path('one'))
     series = self.path('one', 'd')
-    isoscope('partition', self.path('s0.nrrd'), '--time', '0', '--output', series, *CUT)
+    isoscope('partition', self.path('s0.nrrd'), '--field', 'v', '--time', '0', '--output', series, *CUT)
     isoscope('partition', '--add-levels', series, '--levels', '1')
-    isoscope('partition', self.path('s1.nrrd'), '--time', '1', '--append', series, '--quiet')
+    isoscope('partition', self.path('s1.nrrd'), '--field', 'v', '--time', '1', '--append', series, '--quiet')
     self.assertEqual([level['volume_count'] for level in levels_of(series)], [2])
     isoscope('verify', series)
     for step in (0, 1):

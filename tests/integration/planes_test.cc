@@ -261,7 +261,7 @@ TEST_F(PlanesTest, BoundsHoldTheDepthsAndDoNotDependOnAgentsOrRegion) {
 
 // Cuts with caps show what has no triangles.
 TEST_F(PlanesTest, BoundsHoldCaps) {
-  ASSERT_NO_FATAL_FAILURE(StartCluster(2));
+  ASSERT_NO_FATAL_FAILURE(StartCluster(3));
   v1::RenderIsosurfaceRequest request = Request();
   request.mutable_output()->set_depth_bounds(true);
   v1::HalfSpace* const cut = request.mutable_clip()->add_half_spaces();
