@@ -66,6 +66,9 @@ constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 // The depth grid of an exact frame, which is warped when the view begins to move.
 constexpr int kExactGridSide = 256;
+// Of the coarse frame of a view at rest, where the network carries moving frames of full quality:
+// it stays beside exact tiles, and at the usual quality its background differs from theirs.
+constexpr int kRestJpegQuality = 95;
 
 absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
   if (state.sequence_number() <= newest) {
@@ -513,6 +516,9 @@ class InteractServiceImpl::InteractCall final
     }
     MovingQuality quality = rate_.quality();
     quality.scale = 1;
+    if (quality.jpeg_quality >= MovingQuality().jpeg_quality) {
+      quality.jpeg_quality = kRestJpegQuality;
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked, step.kind == Kind::kCoarse
                                                     ? MovingFrameAtOnce(state_, quality)
                                                     : ExactFrameOf(state_));

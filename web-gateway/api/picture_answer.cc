@@ -114,8 +114,7 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
   if (request.with_unresolved_count()) {
     return absl::InvalidArgumentError(
         "withUnresolvedCount is true: a picture over HTTP has no statistics; ask the coordinator, "
-        "or "
-        "/v1/interact");
+        "or /v1/interact");
   }
   if (request.with_notes()) {
     return absl::InvalidArgumentError(

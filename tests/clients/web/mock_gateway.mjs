@@ -532,6 +532,10 @@ async function respond(request, body, reply) {
       reply(200, 'image/webp', encodeGreyWebp(width, height, seen.webps++ % 256));
     } else if (parts[3] === 'render') {
       const frame = JSON.parse(body);
+      const refused = ['withNotes', 'withTrace', 'withUnresolvedCount', 'allowPartial'].find((option) => frame[option]);
+      if (refused) {
+        throw new Error(`${refused} is true: a picture over HTTP has none`);
+      }
       seen.renders.push(frame);
       const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
       // Of a surface that does not show, a server tells the range of all values: of positions the volume's box.
