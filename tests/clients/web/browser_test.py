@@ -169,10 +169,14 @@ class PageTest(unittest.TestCase):
             return out.toDataURL('image/png');''')
         return decode_png(base64.b64decode(url.split(',')[1]))
 
+    def asked_over_http(self):
+        """The request of the picture that the view shows. A picture over HTTP has no notes and counts."""
+        return self.js('const { withNotes, withUnresolvedCount, ...state } = isoscope.view.getState(); return { ...state, '
+                       'viewport: { widthPx: isoscope.view.loop.picture.width, heightPx: isoscope.view.loop.picture.height } }')
+
     def reference(self):
         """The server's own picture of the state that the view is in."""
-        state = self.js('return {...isoscope.view.getState(), viewport: {widthPx: isoscope.view.loop.picture.width, '
-                        'heightPx: isoscope.view.loop.picture.height}}')
+        state = self.asked_over_http()
         return decode_png(self.gateway.post(f'v1/datasets/{state["dataset"]}/render', state))
 
     @staticmethod
@@ -1496,10 +1500,7 @@ class RealRefiningTest(RealPageTest):
 
     def exact_png(self):
         """The server's own picture of the state that the view is in."""
-        state = self.js('return {...isoscope.view.getState(), viewport: {widthPx: isoscope.view.loop.picture.width, '
-                        'heightPx: isoscope.view.loop.picture.height}}')
-        for name in ('withNotes', 'withUnresolvedCount'):  # a picture over HTTP has neither
-            state.pop(name)
+        state = self.asked_over_http()
         address = urllib.parse.urlsplit(self.page)
         token = urllib.parse.parse_qs(address.query).get('token', [''])[0]
         headers = {'Content-Type': 'application/json', **({'Authorization': f'Bearer {token}'} if token else {})}
