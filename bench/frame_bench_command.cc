@@ -92,7 +92,7 @@ absl::Status CheckUsage(const FrameBenchFlags& flags) {
     return cli::UsageError("give a volume file or a dataset folder");
   }
   if (flags.isovalues.empty()) {
-    return cli::UsageError("--isovalue V is missing: one or more levels, in field units");
+    return cli::UsageError("--isovalue V is missing: one or more isovalues, in field units");
   }
   if (flags.peer && flags.width_px() != flags.height_px()) {
     return cli::UsageError(absl::StrCat("--peer draws squares: --width ", flags.width_px(),
@@ -253,7 +253,7 @@ cli::Action RegisterFrameBenchFlags(cli::FlagSet* set) {
                "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
                "dataset folder");
   cli::AddListFlag(set, "--isovalue", "V", &flags->isovalues, client::ParseNumber,
-                   "one or more levels, in field units");
+                   "one or more isovalues, in field units");
   cli::AddListFlag(set, "--shards", "P", &flags->shard_counts, cli::ParseShardCount,
                    "numbers of shards, one agent each (default: 1; of a folder its own)");
   cli::AddListFlag(set, "--culling", "depth|mask|none", &flags->cullings, ParseCullingName,

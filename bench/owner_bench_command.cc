@@ -106,7 +106,7 @@ absl::Status Run(const OwnerBenchFlags& flags, const cli::Context& context) {
     return cli::UsageError("DIR is missing: a dataset folder");
   }
   if (!flags.isovalue) {
-    return cli::UsageError("--isovalue V is missing: a level, in field units");
+    return cli::UsageError("--isovalue V is missing: an isovalue, in field units");
   }
   const OwnerBenchPlan plan = PlanOf(flags);
   const std::string volume = std::filesystem::path(plan.directory).filename().string();
@@ -127,7 +127,7 @@ cli::Action RegisterOwnerBenchFlags(cli::FlagSet* set) {
   };
   cli::AddFlag(set, "input", "DIR", &flags->input, cli::ParseText, "a dataset folder");
   cli::AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
-               "a level, in field units");
+               "an isovalue, in field units");
   cli::AddFlag(set, "--runs", "N", &flags->run_count, parse_count, "runs of each way (default: 3)");
   cli::AddFlag(
       set, "--frames", "N", &flags->frame_count,

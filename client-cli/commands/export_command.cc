@@ -325,10 +325,10 @@ Action RegisterExportFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
   AddSessionFlags(set, &flags->session, {.format = "--input-format"});
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
-          "the level, in field units");
+          "the isovalue, in field units");
   AddRepeatableFlag(
       set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,
-      "a surface: its level and colour; instead of --isovalue and --color, any number "
+      "a surface: its isovalue and colour; instead of --isovalue and --color, any number "
       "of times. All go into one file: as primitives with materials in GLB, as objects "
       "in OBJ, with a surface index of vertices in PLY and VTP");
   client::AddLabelFlags(set, &flags->label, /*has_opacity=*/false);

@@ -563,7 +563,7 @@ Command RenderCommand() {
               "  isoscope render head.nii.gz --isovalue 60          in the terminal\n"
               "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 \\\n"
               "    --orbit 10 --output turn-%03d.png --stats turn.json\n"
-              "  isoscope render head.nii.gz --isovalue 20:120:5 --output levels.webp\n"
+              "  isoscope render head.nii.gz --isovalue 20:120:5 --output isovalues.webp\n"
               "  isoscope render head.nii.gz --isovalue 60 --width 32768 --height 32768 \\\n"
               "    --renderer cpu --output poster.png\n"
               "  isoscope render head.nii.gz --isovalue 60 --output head.jpg --depth depth.npy\n"

@@ -334,9 +334,10 @@ Action RegisterViewFlags(FlagSet* set) {
                 "folder; several, for the page to change between: --isovalue, --label and "
                 "--labels are for the first, flags of volumes for all");
   AddRendererFlag(set, &flags->session);
-  AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
-          "the level to begin with, in field units (default: one that the samples suggest, unless "
-          "labels are given, or the samples are labels)");
+  AddFlag(
+      set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
+      "the isovalue to begin with, in field units (default: one that the samples suggest, unless "
+      "labels are given, or the samples are labels)");
   client::AddLabelFlags(set, &flags->label);
   client::AddLevelFlags(set, &flags->level);
   const auto parse_address = [](absl::string_view text) {

@@ -136,6 +136,14 @@ std::string FormatStep(const google::protobuf::Duration& duration) {
   return FormatMilliseconds(Milliseconds(duration));
 }
 
+// What the level of a frame hides, behind its name; "" if that is not known.
+std::string UnresolvedText(const v1::RenderStatistics& statistics) {
+  return statistics.has_unresolved_block_count()
+             ? absl::StrCat("; active blocks of level 0 that it does not resolve: ",
+                            FormatCount(statistics.unresolved_block_count()))
+             : "";
+}
+
 }  // namespace
 
 std::string StatisticsJson(const std::vector<FrameRecord>& frames) {
@@ -193,7 +201,8 @@ std::string DescribeLevels(const std::vector<FrameRecord>& frames) {
     return "";
   }
   if (counts.size() == 1) {
-    return absl::StrCat("\nDrawn from ", client::TextOfLevel(*frames.back().drawn_level), "\n");
+    return absl::StrCat("\nDrawn from ", client::TextOfLevel(*frames.back().drawn_level),
+                        UnresolvedText(frames.back().statistics), "\n");
   }
   return absl::StrCat("\nDrawn from ",
                       absl::StrJoin(counts, ", ",

@@ -39,7 +39,8 @@ std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statisti
 // Returns a line with the number of bands of the frames that were drawn in bands; "" if none was.
 std::string DescribeBands(const std::vector<FrameRecord>& frames);
 
-// Returns a line with the levels that frames were drawn from; "" if no frame chose one.
+// Returns a line with the levels that frames were drawn from, and of one level with what it hides in
+// the last frame; "" if no frame chose one.
 std::string DescribeLevels(const std::vector<FrameRecord>& frames);
 
 // Tables of frames, their steps, and the agents and measures of the last frame. max_width: as

@@ -192,12 +192,12 @@ struct MeshFlags {
 
   void Declare(cli::FlagSet* set) {
     cli::AddFlag(set, "--isovalue", "V", &isovalue, client::ParseNumber,
-                 "the level, in field units");
+                 "the isovalue, in field units");
     cli::AddFlag(set, "--color", "COLOR", &color, client::ParseColor,
                  "colour of the surface: a name of CSS as teal, #RRGGBB, or R,G,B from 0 to 1 "
                  "(default: none)");
     cli::AddRepeatableFlag(set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface,
-                           "a surface: its level and colour; instead of --isovalue and --color, "
+                           "a surface: its isovalue and colour; instead of --isovalue and --color, "
                            "any number of times");
     client::AddLabelFlags(set, &label, /*has_opacity=*/false);
     client::AddClipFlags(set, &clip);

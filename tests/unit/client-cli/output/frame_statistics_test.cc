@@ -172,6 +172,10 @@ TEST(FrameStatisticsTest, ALevelIsToldIfItWasChosen) {
   finer.drawn_level->set_level(1);
   EXPECT_EQ(DescribeLevels({frame, finer, frame}),
             "\nDrawn from level 1 (1 frames), level 2 (2 frames)\n");
+  frame.statistics.set_unresolved_block_count(1200);
+  EXPECT_EQ(DescribeLevels({frame}),
+            "\nDrawn from level 2, 1 sample = 0.75 px; active blocks of level 0 that it does not "
+            "resolve: 1,200\n");
 }
 
 }  // namespace
