@@ -522,6 +522,9 @@ class InteractServiceImpl::InteractCall final
     ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked, step.kind == Kind::kCoarse
                                                     ? MovingFrameAtOnce(state_, quality)
                                                     : ExactFrameOf(state_));
+    if (step.stays) {  // what its level hides counts, then
+      asked.with_unresolved_count = state_.frame().with_unresolved_count();
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::unique_ptr<PictureJob> job,
         PictureJob::Admit(options_.runner, ticket, std::move(asked), kExactGridSide,

@@ -165,7 +165,7 @@ RestStep RestProgress::Next(const ExactCost& cost) const {
   const bool is_over_limit = IsOverLimit(expected);
   if ((is_slow || is_over_limit) && wish_.coarse_levels && !had_coarse_ &&
       facts_->coarsest_level > facts_->level) {
-    return {.kind = Kind::kCoarse, .least_level = CoarseLevel(cost)};
+    return {.kind = Kind::kCoarse, .least_level = CoarseLevel(cost), .stays = is_over_limit};
   }
   if (is_over_limit) {
     return {.kind = is_deferred_ ? Kind::kNone : Kind::kDefer};

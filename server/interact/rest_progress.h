@@ -45,6 +45,7 @@ struct RestStep {
   Kind kind = Kind::kNone;
   int tile = 0;         // of kTile; 0 also if BeginTiles was not called yet
   int least_level = 0;  // of kCoarse
+  bool stays = false;   // of kCoarse: the exact frame is over a limit
 };
 
 // The progress of one picture. Thread-compatible.

@@ -307,7 +307,9 @@ TEST_F(RefineTest, AFrameOverALimitIsDeferredUntilTheLimitIsRaised) {
   Viewer viewer(cluster_->address());
   v1::Refinement limited = All();
   limited.set_max_exact_bytes(1);
-  const std::int64_t first = viewer.Send(FrameOf(0), limited);
+  v1::RenderIsosurfaceRequest counted = FrameOf(0);
+  counted.set_with_unresolved_count(true);
+  const std::int64_t first = viewer.Send(counted, limited);
   const Answers deferred = viewer.ReadAll(first);
   ASSERT_TRUE(deferred.last.has_value());
   ASSERT_TRUE(deferred.last->has_exact_deferred());
@@ -315,8 +317,10 @@ TEST_F(RefineTest, AFrameOverALimitIsDeferredUntilTheLimitIsRaised) {
   EXPECT_GT(deferred.last->exact_deferred().expected_bytes(), 1000);
   EXPECT_TRUE(MessageDifferencer::Equals(deferred.last->exact_deferred().drawn_level(),
                                          deferred.coarse[0].frame().drawn_level()));
+  EXPECT_TRUE(deferred.coarse[0].frame().statistics().has_unresolved_block_count())
+      << "it stays, so it says what it hides";
 
-  const std::int64_t second = viewer.Send(FrameOf(0), All());
+  const std::int64_t second = viewer.Send(counted, All());
   const Answers exact = viewer.ReadAll(second);
   ASSERT_TRUE(exact.last.has_value());
   ASSERT_TRUE(exact.last->is_exact());

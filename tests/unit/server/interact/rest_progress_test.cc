@@ -57,6 +57,7 @@ TEST(RestProgressTest, ASlowFrameComesCoarseThenInTilesThenExact) {
   const RestStep coarse = progress.Next({});
   EXPECT_EQ(coarse.kind, Kind::kCoarse);
   EXPECT_EQ(coarse.least_level, 3) << "10 GiB / 64 take 160 ms";
+  EXPECT_FALSE(coarse.stays);
   const v1::DrawnLevel level;
   progress.OnCoarse(&level);
   EXPECT_EQ(progress.Next({}).kind, Kind::kTile);
@@ -133,6 +134,7 @@ TEST(RestProgressTest, AFrameOverALimitIsDeferredOnceAfterTheCoarseFrame) {
     RestProgress progress(limit);
     EXPECT_FALSE(progress.OnFacts(Facts(kGiB), {}));
     EXPECT_EQ(progress.Next({}).kind, Kind::kCoarse);
+    EXPECT_TRUE(progress.Next({}).stays);
     v1::DrawnLevel level;
     level.set_level(2);
     progress.OnCoarse(&level);
