@@ -50,9 +50,16 @@ class NumberReader {
   std::string missing_;
 };
 
+// The level is told only if one was asked for.
+double LevelFromJson(const AnyJson& frame) {
+  const AnyJson level = frame.value("level", AnyJson());
+  return level.is_number() ? level.get<double>() : 0;
+}
+
 FrameFigures FrameFromJson(const AnyJson& frame, NumberReader* reader) {
   FrameFigures figures;
   figures.wall_ms = reader->Get(frame, "wall_ms");
+  figures.level = LevelFromJson(frame);
   figures.active_block_count = reader->Get(frame, "active_block_count");
   figures.visible_block_count = reader->Get(frame, "visible_block_count");
   figures.triangle_count = reader->Get(frame, "triangle_count");
@@ -118,6 +125,12 @@ absl::StatusOr<std::vector<FrameFigures>> RenderFrames(const FrameBenchPlan& pla
   }
   if (plan.thread_count) {
     argv.insert(argv.end(), {"--threads", absl::StrCat(*plan.thread_count)});
+  }
+  if (plan.level) {
+    argv.insert(argv.end(), {"--level", absl::StrCat(*plan.level)});
+  }
+  if (plan.max_spacing_px) {
+    argv.insert(argv.end(), {"--max-spacing", absl::StrFormat("%.17g", *plan.max_spacing_px)});
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const ChildResult child, RunChild(argv, "", interrupt));
   if (child.exit_code != 0) {
@@ -190,7 +203,7 @@ absl::StatusOr<std::vector<FrameFigures>> FramesFromJson(absl::string_view text)
 FrameFigures MedianOf(const std::vector<FrameFigures>& frames) {
   FrameFigures median;
   for (double FrameFigures::*const figure :
-       {&FrameFigures::wall_ms, &FrameFigures::active_block_count,
+       {&FrameFigures::wall_ms, &FrameFigures::level, &FrameFigures::active_block_count,
         &FrameFigures::visible_block_count, &FrameFigures::triangle_count,
         &FrameFigures::read_bytes, &FrameFigures::network_bytes, &FrameFigures::png_bytes}) {
     median.*figure =

@@ -27,6 +27,7 @@ inline constexpr std::array<const char*, 5> kFrameSteps = {
 // Figures of one frame, or medians over several: those of `--stats`, with the same names.
 struct FrameFigures {
   double wall_ms = 0;
+  double level = 0;  // that was drawn; 0 of programs that know no levels
   double active_block_count = 0;
   double visible_block_count = 0;
   double triangle_count = 0;
@@ -63,6 +64,10 @@ struct FrameBenchPlan {
   std::int64_t width_px = 1024;
   std::int64_t height_px = 1024;
   std::optional<std::int64_t> thread_count;
+  // The level that is drawn: by number, or by the distance of its samples in pixels. At most one is
+  // set; none: level 0.
+  std::optional<std::int64_t> level;
+  std::optional<double> max_spacing_px;
   std::optional<PeerCall> peer;
 };
 

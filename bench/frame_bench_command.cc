@@ -25,8 +25,10 @@
 #include "bench/measurement.h"
 #include "bench/peer.h"
 #include "bench/program.h"
+#include "client-cli/session/level_flags.h"
 #include "client-cli/session/partition_volume.h"
 #include "client-cli/session/source_flags.h"
+#include "clients/cpp/request/level_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "core/base/status_macros.h"
@@ -59,6 +61,8 @@ struct FrameBenchFlags {
   std::optional<std::int64_t> width;
   std::optional<std::int64_t> height;
   std::optional<std::int64_t> thread_count;
+  client::LevelFlags level;
+  cli::LevelFlags levels;  // that a volume gets
   std::optional<math::Index3> block_cells;
   std::optional<std::string> peer;
   std::optional<std::string> json;
@@ -88,22 +92,27 @@ absl::Status CheckUsage(const FrameBenchFlags& flags) {
     return cli::UsageError("give a volume file or a dataset folder");
   }
   if (flags.isovalues.empty()) {
-    return cli::UsageError("--isovalue V is missing: one or more levels, in field units");
+    return cli::UsageError("--isovalue V is missing: one or more isovalues, in field units");
   }
   if (flags.peer && flags.width_px() != flags.height_px()) {
     return cli::UsageError(absl::StrCat("--peer draws squares: --width ", flags.width_px(),
                                         " and --height ", flags.height_px(), " must be equal"));
   }
+  if (flags.peer && (flags.level.level || flags.level.max_spacing_px)) {
+    return cli::UsageError("--peer draws the samples: leave --level and --max-spacing out");
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.level));
   return CheckUsage(flags.source, *flags.input);
 }
 
 // UsageError for flags that do not apply to a dataset folder: it is partitioned already, and has no
 // samples for a peer.
 absl::Status CheckFolderUsage(const FrameBenchFlags& flags) {
-  const char* given = !flags.shard_counts.empty() ? "--shards"
-                      : flags.block_cells         ? "--block-cells"
-                      : flags.peer                ? "--peer"
-                                                  : flags.source.FirstGiven();
+  const char* given = !flags.shard_counts.empty()            ? "--shards"
+                      : flags.block_cells                    ? "--block-cells"
+                      : flags.peer                           ? "--peer"
+                      : flags.levels.FirstGiven() != nullptr ? flags.levels.FirstGiven()
+                                                             : flags.source.FirstGiven();
   if (given != nullptr) {
     return cli::UsageError(absl::StrCat(given, " is for volume files; '", *flags.input,
                                         "' is a folder: give the volume it was made from"));
@@ -134,6 +143,7 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const FrameBenchFlags& f
     options.output_directory = folder.Sub(absl::StrCat("shards-", shard_count));
     options.shard_count = static_cast<int>(shard_count);
     options.block_cells = flags.block_cells;
+    options.levels = cli::LevelOptionsOf(flags.levels);
     ISOSCOPE_RETURN_IF_ERROR(
         cli::PartitionVolume(cli::RequestOf(flags.source, *flags.input), options, context)
             .status());
@@ -201,6 +211,8 @@ FrameBenchPlan PlanOf(const FrameBenchFlags& flags) {
   plan.width_px = flags.width_px();
   plan.height_px = flags.height_px();
   plan.thread_count = flags.thread_count;
+  plan.level = flags.level.level;
+  plan.max_spacing_px = flags.level.max_spacing_px;
   return plan;
 }
 
@@ -241,7 +253,7 @@ cli::Action RegisterFrameBenchFlags(cli::FlagSet* set) {
                "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
                "dataset folder");
   cli::AddListFlag(set, "--isovalue", "V", &flags->isovalues, client::ParseNumber,
-                   "one or more levels, in field units");
+                   "one or more isovalues, in field units");
   cli::AddListFlag(set, "--shards", "P", &flags->shard_counts, cli::ParseShardCount,
                    "numbers of shards, one agent each (default: 1; of a folder its own)");
   cli::AddListFlag(set, "--culling", "depth|mask|none", &flags->cullings, ParseCullingName,
@@ -270,6 +282,8 @@ cli::Action RegisterFrameBenchFlags(cli::FlagSet* set) {
       "threads of all agents together (default: one for each core)");
   cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, client::ParseBlockCells,
                "cells of a block when partitioning (default: as 'isoscope partition')");
+  client::AddLevelFlags(set, &flags->level);
+  cli::AddLevelFlags(set, &flags->levels);
   cli::AddFlag(set, "--peer", "SCRIPT", &flags->peer, cli::ParseText,
                "a yardstick to run in turns with ours: see below");
   cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");

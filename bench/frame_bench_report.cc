@@ -9,6 +9,7 @@
 
 #include "bench/frame_bench_report.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <utility>
@@ -59,8 +60,15 @@ std::vector<std::string> NamesOf(absl::string_view volume, const FrameCase& of) 
           of.culling, of.renderer};
 }
 
+bool HasLevels(const FrameBenchResult& result) {
+  return std::any_of(result.cases.begin(), result.cases.end(), [](const FrameCase& of) {
+    return of.first.level > 0 || of.following.level > 0;
+  });
+}
+
 cli::Table FrameTable(absl::string_view volume, const FrameBenchResult& result) {
   const bool has_peer = !result.peers.empty();
+  const bool has_levels = HasLevels(result);
   std::vector<std::string> header = {"volume",   "isovalue", "P",           "culling",
                                      "renderer", "cold ms",  "following ms"};
   if (has_peer) {
@@ -68,6 +76,9 @@ cli::Table FrameTable(absl::string_view volume, const FrameBenchResult& result) 
   }
   header.insert(header.end(), {"triangles", "read kB", "network kB", "x fewest P", "following kB",
                                "busy sum ms", "max/mean"});
+  if (has_levels) {
+    header.emplace_back("level");
+  }
   cli::Table table(std::move(header));
   for (const FrameCase& of : result.cases) {
     std::vector<std::string> row = NamesOf(volume, of);
@@ -86,6 +97,9 @@ cli::Table FrameTable(absl::string_view volume, const FrameBenchResult& result) 
                 FormatKilobytes(of.following.network_bytes),
                 cli::FormatMilliseconds(Sum(of.first.busy_ms)),
                 FormatRatio(MaxOverMean(of.first.busy_ms))});
+    if (has_levels) {
+      row.push_back(absl::StrFormat("%g", of.following.level));
+    }
     table.AddRow(std::move(row));
   }
   return table;
@@ -119,6 +133,7 @@ Json ToJson(const FrameFigures& figures) {
     busy.push_back(Rounded(busy_ms));
   }
   return {{"wall_ms", Rounded(figures.wall_ms)},
+          {"level", figures.level},
           {"active_block_count", figures.active_block_count},
           {"visible_block_count", figures.visible_block_count},
           {"triangle_count", figures.triangle_count},
@@ -155,6 +170,12 @@ std::string FrameBenchJson(const Occasion& occasion, const FrameBenchPlan& plan,
   json["orbit"] = plan.orbit_degrees;
   json["azimuth"] = plan.azimuth_degrees;
   json["elevation"] = plan.elevation_degrees;
+  if (plan.level) {
+    json["level"] = *plan.level;
+  }
+  if (plan.max_spacing_px) {
+    json["max_spacing_px"] = *plan.max_spacing_px;
+  }
   json["cases"] = Json::array();
   for (const FrameCase& of : result.cases) {
     json["cases"].push_back({{"isovalue", of.isovalue},

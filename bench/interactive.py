@@ -7,7 +7,8 @@
     python3 bench/interactive.py cancel head.nii.gz --isovalue 60 --shards 4
 
 drag     turns a view, 60 states a second, over InteractService: frames a second, time from state to frame, time from
-         the last state to the exact frame, which is compared with that of RenderIsosurface
+         the last state to the exact frame, which is compared with that of RenderIsosurface. With --refine also the
+         levels of the frames, the time to the first frame at rest and to each tile, and what a limit has deferred
 slider   renders each of some isovalues, and then each once more: times; of a server of its own also kernel time and
          new memory
 clients  repeatedly request the same picture, each on a connection of its own: throughput, times, refusals
@@ -21,6 +22,7 @@ Needs python3-grpcio, python3-protobuf and python3-numpy.
 """
 import argparse
 import asyncio
+import collections
 import contextlib
 import dataclasses
 import datetime
@@ -132,8 +134,11 @@ def camera_of(dataset, arguments, degrees=0):
     return dataset.camera('front', arguments.azimuth, arguments.elevation).azimuth(degrees)
 
 
-def size_of(arguments):
-    return arguments.width, arguments.height
+def look_of(dataset, arguments, degrees=0):
+    """What `render` gets; levels only if they are asked for, so that servers without them can be measured."""
+    look = {'isovalue': arguments.isovalue, 'camera': camera_of(dataset, arguments, degrees),
+            'size': (arguments.width, arguments.height), 'level': arguments.level, 'max_spacing': arguments.max_spacing}
+    return {word: value for word, value in look.items() if value is not None}
 
 
 # ------------------------------------------------------------------------------------------------ drag
@@ -149,6 +154,12 @@ class Drag:
     frame_bytes: list = dataclasses.field(default_factory=list)  # picture and depth grid
     exact_ms: float = 0  # from the last state to the exact frame
     exact_is_that_of_render: bool = False
+    levels: collections.Counter = dataclasses.field(default_factory=collections.Counter)  # of frames, where they are told
+    coarse_ms: float | None = None  # from the last state to the first frame of its whole picture, if that is not exact
+    coarse_level: int = 0
+    tile_ms: list = dataclasses.field(default_factory=list)  # from the last state to each tile
+    tile_pixels: int = 0
+    deferred: dict | None = None  # what a limit has put off, in place of the exact frame
 
     @property
     def frames_per_second(self):
@@ -158,14 +169,35 @@ class Drag:
         return (f'{self.frames_per_second:.1f} frames a second ({len(self.latencies_ms)} in {self.seconds:.1f} s)\n'
                 f'state to frame: {median(self.latencies_ms):.0f} ms median, {percentile(self.latencies_ms, 0.95):.0f} '
                 f'ms p95\n{median(self.heights_px):.0f} pixels high and {median(self.frame_bytes) / 1024:.0f} KiB, '
-                f'median\nexact {self.exact_ms:.0f} ms after the last state, '
+                f'median\n{self.refinement_text()}{self.end_text()}')
+
+    def refinement_text(self):
+        text = ''
+        if self.levels:
+            parts = [f'{count} of level {level}' for level, count in sorted(self.levels.items())]
+            text += f'moving frames: {", ".join(parts)}\n'
+        if self.coarse_ms is not None:
+            text += f'level {self.coarse_level} in full size {self.coarse_ms:.0f} ms after the last state\n'
+        if self.tile_ms:
+            text += (f'{len(self.tile_ms)} tiles, the first {self.tile_ms[0]:.0f} ms and the last {self.tile_ms[-1]:.0f} '
+                     f'ms after the last state\n')
+        return text
+
+    def end_text(self):
+        if self.deferred:
+            return (f'exact frame deferred {self.deferred["ms"]:.0f} ms after the last state: {self.deferred["bytes"]} '
+                    f'bytes and {self.deferred["seconds"]:.1f} s expected\n')
+        return (f'exact {self.exact_ms:.0f} ms after the last state, '
                 f'{"" if self.exact_is_that_of_render else "NOT "}the bytes of RenderIsosurface\n')
 
     def figures(self, arguments):
         return {'isovalue': arguments.isovalue, 'frames_per_second': self.frames_per_second,
                 'latency_ms': {'median': median(self.latencies_ms), 'p95': percentile(self.latencies_ms, 0.95)},
                 'median_height_px': median(self.heights_px), 'median_frame_bytes': median(self.frame_bytes),
-                'exact_ms': self.exact_ms}
+                'exact_ms': self.exact_ms, 'exact_is_that_of_render': self.exact_is_that_of_render,
+                'frames_by_level': {str(level): count for level, count in sorted(self.levels.items())},
+                'coarse_ms': self.coarse_ms, 'coarse_level': self.coarse_level, 'tile_ms': self.tile_ms,
+                'deferred': self.deferred}
 
 
 class Dragging:
@@ -188,22 +220,25 @@ class Dragging:
 
     def look(self, state):
         degrees = state * self.arguments.degrees / self.arguments.states
-        return {'isovalue': self.arguments.isovalue, 'camera': camera_of(self.dataset, self.arguments, degrees),
-                'size': size_of(self.arguments)}
+        return look_of(self.dataset, self.arguments, degrees)
 
     async def run(self):
-        await self.dataset.render(**self.look(0))
+        if self.arguments.refine and 'refinement' not in (await self.client.capabilities()).features:
+            sys.exit(f'{sys.argv[0]}: the server has no refinement (GetCapabilities.features): leave --refine out')
+        if not self.arguments.refine:  # a large volume would take long
+            await self.dataset.render(**self.look(0))
         types = interact_service_pb2.InteractRequest, interact_service_pb2.InteractResponse
         interact = self.client._channel.get().stream_stream(
             self.METHOD, types[0].SerializeToString, types[1].FromString)
-        self.stream = interact(timeout=self.arguments.seconds + 2 * PATIENCE,
+        self.stream = interact(timeout=self.arguments.seconds + self.arguments.patience + PATIENCE,
                                metadata=self.client._target.call_metadata())
         reader = asyncio.create_task(self.read())
         await self.drag()
-        self.exact = await asyncio.wait_for(reader, PATIENCE)
+        self.exact = await asyncio.wait_for(reader, self.arguments.patience)
         await self.stream.done_writing()
-        rendered = await self.dataset.render(**self.look(self.last_state))
-        self.result.exact_is_that_of_render = self.exact == rendered.png
+        if self.exact is not None:
+            rendered = await self.dataset.render(**self.look(self.last_state), timeout=self.arguments.patience)
+            self.result.exact_is_that_of_render = self.exact == rendered.png
         return self.result
 
     async def drag(self):
@@ -224,28 +259,92 @@ class Dragging:
         view.frame.CopyFrom(_core.render(self.dataset, **self.look(state)).request.request)
         view.frame.with_notes = False
         view.target_frames_per_second = self.arguments.rate
+        if self.arguments.refine:
+            view.refinement.coarse_levels = view.refinement.tiles = True
+            view.refinement.max_exact_bytes = self.arguments.max_exact_bytes
+            if self.arguments.max_exact_seconds:
+                view.refinement.max_exact_duration.FromNanoseconds(int(1e9 * self.arguments.max_exact_seconds))
         self.sent_ms[state] = now_ms()
         async with self.write_turn:
             await self.stream.write(request)
 
-    async def read(self):
-        """Acknowledges each frame after the pretended decoding; returns the exact picture of the last state."""
-        async for response in self.stream:
+    async def acknowledge(self, response):
+        """Says that a frame or a tile is shown, after it was decoded."""
+        start_ms = now_ms()
+        if self.arguments.decode:
+            await asyncio.to_thread(decode, response)
+        else:
             await asyncio.sleep(self.arguments.decode_ms / 1e3)
-            shown = interact_service_pb2.InteractRequest()
-            shown.frame_shown.frame_number = response.frame_number
-            shown.frame_shown.decode_duration.FromNanoseconds(int(self.arguments.decode_ms * 1e6))
-            async with self.write_turn:
-                await self.stream.write(shown)
+        decode_ms = now_ms() - start_ms if self.arguments.decode else self.arguments.decode_ms
+        shown = interact_service_pb2.InteractRequest()
+        shown.frame_shown.frame_number = response.frame_number
+        shown.frame_shown.decode_duration.FromNanoseconds(int(decode_ms * 1e6))
+        async with self.write_turn:
+            await self.stream.write(shown)
+
+    async def read(self):
+        """Acknowledges frames and tiles; returns the exact picture of the last state, None if a limit has deferred it."""
+        async for response in self.stream:
+            if response.HasField('error'):
+                sys.exit(f'{sys.argv[0]}: a frame has failed: {response.error.message}')
+            if not response.HasField('exact_deferred'):
+                await self.acknowledge(response)
             latency_ms = now_ms() - self.sent_ms[response.sequence_number]
-            if response.is_exact and response.sequence_number == self.last_state:
-                self.result.exact_ms = latency_ms
-                return response.frame.png
-            if response.HasField('frame') and not response.is_exact and self.counts:
-                self.result.latencies_ms.append(latency_ms)
-                self.result.heights_px.append(response.frame.extent.height_px)
-                self.result.frame_bytes.append(len(response.frame.jpeg) + len(response.depth_grid.depths))
+            is_last = response.sequence_number == self.last_state
+            if response.HasField('exact_deferred'):
+                if is_last:
+                    deferred = response.exact_deferred
+                    self.result.deferred = {'bytes': deferred.expected_bytes, 'ms': latency_ms,
+                                            'seconds': deferred.expected_duration.ToNanoseconds() / 1e9}
+                    return None
+            elif response.HasField('tile'):
+                if is_last:
+                    self.add_tile(response.tile, latency_ms)
+            elif response.is_exact:
+                if is_last:
+                    self.result.exact_ms = latency_ms
+                    self.check_tiles(response.frame)
+                    return response.frame.png
+            elif response.HasField('frame'):
+                self.add_moving(response, latency_ms, is_last)
         sys.exit(f'{sys.argv[0]}: the stream has ended')
+
+    def add_moving(self, response, latency_ms, is_last):
+        frame, result = response.frame, self.result
+        is_whole = frame.extent.width_px == self.arguments.width and frame.extent.height_px == self.arguments.height
+        if is_last and is_whole and result.coarse_ms is None and frame.HasField('drawn_level'):
+            result.coarse_ms, result.coarse_level = latency_ms, frame.drawn_level.level
+        if self.counts:
+            result.latencies_ms.append(latency_ms)
+            result.heights_px.append(frame.extent.height_px)
+            result.frame_bytes.append(len(frame.jpeg) + len(response.depth_grid.depths))
+            if frame.HasField('drawn_level'):
+                result.levels[frame.drawn_level.level] += 1
+
+    def add_tile(self, tile, latency_ms):
+        if tile.index != len(self.result.tile_ms):
+            sys.exit(f'{sys.argv[0]}: tile {tile.index} came where {len(self.result.tile_ms)} was due')
+        self.result.tile_ms.append(latency_ms)
+        self.result.tile_pixels += tile.region.width_px * tile.region.height_px
+
+    def check_tiles(self, frame):
+        """Tiles that come once each and fill the picture have as many pixels as it."""
+        pixels = frame.extent.width_px * frame.extent.height_px or self.arguments.width * self.arguments.height
+        if self.result.tile_ms and self.result.tile_pixels != pixels:
+            sys.exit(f'{sys.argv[0]}: the tiles have {self.result.tile_pixels} pixels, the picture has {pixels}')
+
+
+def decode(response):
+    """Decodes a frame or a tile as a client would, with VTK's readers, which call libjpeg and libpng."""
+    from vtkmodules.vtkIOImage import vtkJPEGReader, vtkPNGReader
+    data = response.tile.png or response.frame.png or response.frame.jpeg
+    reader = vtkJPEGReader() if data == response.frame.jpeg else vtkPNGReader()
+    reader.SetMemoryBuffer(data)
+    reader.SetMemoryBufferLength(len(data))
+    reader.Update()
+    width, height, _ = reader.GetOutput().GetDimensions()
+    if not width * height:
+        sys.exit(f'{sys.argv[0]}: VTK has not decoded a frame of {len(data)} bytes')
 
 
 async def drag(arguments):
@@ -301,7 +400,7 @@ def slide(dataset, arguments, pid):
         time.sleep(arguments.pause_ms / 1e3)
         isovalue = arguments.isovalue + (arguments.to - arguments.isovalue) * step / (arguments.steps - 1)
         resident_mib, start_ms = resident_mib_of(pid) if pid else 0, now_ms()
-        pictures.append(dataset.render(isovalue, camera=camera_of(dataset, arguments), size=size_of(arguments)).png)
+        pictures.append(dataset.render(**{**look_of(dataset, arguments), 'isovalue': isovalue}).png)
         if step >= 2:
             one.times_ms.append(now_ms() - start_ms)
             one.grown_mib.append(resident_mib_of(pid) - resident_mib if pid else 0)
@@ -404,7 +503,7 @@ async def run_round(count, address, look, picture, arguments):
 async def clients(arguments):
     with isoscope.connect(arguments.server) as client:
         dataset = client.dataset(arguments.dataset)
-        look = {'isovalue': arguments.isovalue, 'camera': camera_of(dataset, arguments), 'size': size_of(arguments)}
+        look = look_of(dataset, arguments)
         picture = dataset.render(**look).png
     rounds = [await run_round(count, arguments.server, {**look, 'dataset': dataset.name}, picture, arguments)
               for count in arguments.clients]
@@ -506,8 +605,8 @@ class Cancelling:
 
     async def render(self):
         self.frame_count += 1
-        camera = camera_of(self.dataset, self.arguments, self.frame_count * self.ORBIT_DEGREES)
-        await self.dataset.render(self.arguments.isovalue, camera=camera, size=size_of(self.arguments), timeout=3600)
+        look = look_of(self.dataset, self.arguments, self.frame_count * self.ORBIT_DEGREES)
+        await self.dataset.render(**look, timeout=3600)
 
     async def time_of_frame(self):
         start_ms = now_ms()
@@ -600,6 +699,10 @@ def make_parser():
         one.add_argument('--elevation', type=float, default=elevation)
         one.add_argument('--width', type=number_in(1, 65536, int), default=1024)
         one.add_argument('--height', type=number_in(1, 65536, int), default=1024)
+        level = one.add_mutually_exclusive_group()
+        level.add_argument('--level', type=number_in(0, 23, int), help='of the dataset that is drawn')
+        level.add_argument('--max-spacing', type=number_in(0, math.inf), metavar='PX',
+                           help='the coarsest level whose samples are at most so many pixels apart')
         one.add_argument('--renderer', choices=['auto', 'egl', 'cpu'], default='auto', help='of agents that are started')
         one.add_argument('--bin', type=pathlib.Path, default=os.environ.get('ISOSCOPE_BIN', ROOT / 'build/release/bin'),
                          help='folder of the programs that are started')
@@ -619,6 +722,14 @@ def make_parser():
     one.add_argument('--states', type=number_in(1, 1000), default=60, help='views a second that the client sends')
     one.add_argument('--degrees', type=float, default=60, help='degrees a second')
     one.add_argument('--decode-ms', type=number_in(0, 1000), default=0, help='time that the client takes to decode a frame')
+    one.add_argument('--decode', action='store_true', help='decode each frame in place of that, with VTK (python3-vtk9)')
+    one.add_argument('--refine', action='store_true',
+                     help='moving frames may be of coarser levels, and the frame at rest comes in tiles')
+    one.add_argument('--max-exact-bytes', type=number_in(0, 2**62, int), default=0,
+                     help='with --refine: a limit of what the exact frame reads; 0: none')
+    one.add_argument('--max-exact-seconds', type=number_in(0, 1e6), default=0,
+                     help='with --refine: a limit of the time that the exact frame is expected to take; 0: none')
+    one.add_argument('--patience', type=number_in(1, 1e5), default=PATIENCE, help='seconds to wait for the exact frame')
 
     one = add(slider)
     add_server(one)
@@ -649,6 +760,8 @@ def main():
     arguments = parser.parse_args()
     if arguments.measure in (drag, slider) and (arguments.input is None) == (arguments.server is None):
         parser.error('give a volume, a dataset folder or --server')
+    if arguments.measure is drag and not arguments.refine and (arguments.max_exact_bytes or arguments.max_exact_seconds):
+        parser.error('--max-exact-bytes and --max-exact-seconds are limits of --refine')
     if arguments.json:
         open(arguments.json, 'a', encoding='utf-8').close()  # fails before the measurement
     try:

@@ -9,6 +9,7 @@
 namespace isoscope::bench {
 
 cli::Command FrameBenchCommand();
+cli::Command OwnerBenchCommand();
 cli::Command PaperBenchCommand();
 
 cli::Program BenchProgram();

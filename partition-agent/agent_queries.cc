@@ -3,7 +3,9 @@
 //
 //   GetShardHistogram   counts by value, costs of isovalues, the label values of the samples
 //   GetActiveBox        one shard is enough, because each has the ranges of all blocks
-//   GetCellBox          the only one that reads on the threads of frames
+//   GetCellBox          reads on the threads of frames
+//   GetResolvedBlocks   so does this, blocks of a level; active blocks of level 0 are in any shard
+//   GetDepthBounds      any shard, too; the parts divide the volume's blocks, not its shards
 //   GetGradients        gradient, shard, values and label of picked points; a point is answered by
 //                       the shard that has its block
 //
@@ -12,17 +14,25 @@
 #include "partition-agent/agent_queries.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/frame/frame_spec.h"
+#include "core/volume/volume_level.h"
 #include "partition-agent/shard/point_gradients.h"
 #include "partition-agent/shard/shard_histogram.h"
 #include "partition-agent/shard/shard_label_values.h"
+#include "partition-agent/supply/block_bounds.h"
 #include "partition-agent/supply/cell_box.h"
+#include "partition-agent/supply/level_resolution.h"
 #include "partition-agent/supply/point_values.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/frame_convert.h"
 #include "wire/histogram_convert.h"
 #include "wire/pick_convert.h"
@@ -41,6 +51,17 @@ void SortShards(v1::DescribeShardsResponse* description) {
               return std::pair(a.dataset().name(), a.shard_index()) <
                      std::pair(b.dataset().name(), b.shard_index());
             });
+}
+
+v1::LevelsDescription DescribeLevels(const std::vector<int>& levels, volume::LevelFilter filter) {
+  v1::LevelsDescription description;
+  for (const int level : levels) {
+    description.add_levels(level);
+  }
+  description.set_filter(filter == volume::LevelFilter::kMean
+                             ? isoscope::v1::DatasetLevel::FILTER_MEAN
+                             : isoscope::v1::DatasetLevel::FILTER_MAJORITY);
+  return description;
 }
 
 // The rules of a question about active blocks or cells.
@@ -62,6 +83,16 @@ absl::StatusOr<std::vector<volume::InsideRule>> RulesOf(const Request& request) 
                               absl::StrCat("label_sets[", i, "].labels")));
   }
   return rules;
+}
+
+// The active blocks as a tree: a large volume keeps it, that of another is made of its set.
+absl::StatusOr<std::shared_ptr<const volume::BlockTree>> ActiveTreeOf(
+    const store::ShardReader& reader, const volume::InsideRule& rule) {
+  const volume::BlockLayout& layout = reader.layout();
+  if (layout.block_count() > volume::kMaxDenseBlocks) {
+    return reader.ActiveTree(rule);
+  }
+  return std::make_shared<const volume::BlockTree>(layout.block_dims(), *reader.ActiveBlocks(rule));
 }
 
 // Adds the labels, and the values of scalar volumes, that a request asks for.
@@ -115,6 +146,15 @@ v1::DescribeShardsResponse DescribePlain(const Shards& shards, const render::Ren
     out->set_range_table_crc32c(reader.manifest().range_table_crc32c);
     out->set_shard_index(reader.shard_index());
     out->set_block_count(reader.block_count());
+    std::vector<int> levels;
+    for (std::size_t i = 0; i < shard->levels.size(); ++i) {
+      if (shard->levels[i] != nullptr) {
+        levels.push_back(static_cast<int>(i) + 1);
+      }
+    }
+    if (!levels.empty()) {
+      *out->mutable_levels() = DescribeLevels(levels, reader.manifest().level_filter);
+    }
   }
   SortShards(&description);
   return description;
@@ -130,8 +170,13 @@ void AddSeries(const ShardSet& shards, v1::DescribeShardsResponse* description) 
     v1::ShardDescription* const out = description->add_shards();
     *out->mutable_dataset() = wire::ToProto(served->manifest);
     out->set_shard_index(shard->shard_index());
-    for (const store::ScalarVolume& volume : served->volumes) {
-      *out->add_volumes() = wire::ToProto(volume);
+    for (std::size_t i = 0; i < served->volumes.size(); ++i) {
+      v1::VolumeDescription* const volume = out->add_volumes();
+      *volume = wire::ToProto(served->volumes[i]);
+      if (!served->levels[i].empty()) {
+        *volume->mutable_levels() =
+            DescribeLevels(served->levels[i], served->volumes[i].level_filter);
+      }
     }
   }
   SortShards(description);
@@ -176,14 +221,18 @@ absl::Status AnswerQuery(const ShardSet& shards, const v1::GetShardHistogramRequ
 absl::Status AnswerQuery(const ShardSet& shards, const v1::GetActiveBoxRequest& request,
                          const base::Cancellation& /*cancellation*/,
                          v1::GetActiveBoxResponse* response) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::InsideRule> rules, RulesOf(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::InsideRule> rules, RulesOf(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
                             wire::ClipRegionFromProto(request.clip(), "clip"));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> found,
-                            shards.FindAny(request.dataset_id()));
-  const store::ShardReader& reader = *found->reader;
-  const ActiveBox box = ActiveBoxOf(reader.layout(), reader.ranges(), rules,
-                                    view::Clipper(clip, reader.manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int level, wire::LevelFromProto(request.level(), "level"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards found, shards.FindAny(request.dataset_id(), level));
+  for (volume::InsideRule& rule : rules) {
+    rule = frame::InStoredValues(std::move(rule), found.value_scale);
+  }
+  const store::ShardReader& reader = *found.shards.front()->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const ActiveBox box,
+      ActiveBoxOf(reader, rules, view::Clipper(clip, reader.manifest().geometry)));
   *response = wire::ToProto(box.block_count, box.cells);
   return absl::OkStatus();
 }
@@ -199,6 +248,52 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
   ISOSCOPE_ASSIGN_OR_RETURN(const math::IndexBox cells,
                             CellBoxOfShards(found, rules, clip, resources, cancellation));
   *response = wire::ToProto(cells);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const v1::GetDepthBoundsRequest& request,
+                         const base::Cancellation& cancellation,
+                         v1::GetDepthBoundsResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const wire::DepthBoundsQuery query,
+                            wire::DepthBoundsQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards found, shards.FindAny(request.dataset_id()));
+  const store::ShardReader& reader = *found.shards.front()->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*query.spec.camera, query.spec.viewport,
+                                             reader.manifest().geometry, query.spec.region));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const visibility::DepthBounds bounds,
+      BoundsOfPart(reader, view, query.spec, {query.part_index, query.part_count}, resources.arena,
+                   cancellation));
+  *response = wire::ToProto(bounds);
+  return absl::OkStatus();
+}
+
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const v1::GetResolvedBlocksRequest& request,
+                         const base::Cancellation& cancellation,
+                         v1::GetResolvedBlocksResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const volume::InsideRule rule,
+      wire::InsideRuleFromProto(request.isovalue(), request.labels(), /*smooths=*/false, ""));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int level, wire::LevelFromProto(request.level(), "level"));
+  if (level == 0) {
+    return absl::InvalidArgumentError("level is 0: must be at least 1");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards fine, shards.FindAny(request.dataset_id()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelShards coarse,
+                            shards.FindLevel(request.dataset_id(), request.shard_indices(), level));
+  const store::ShardReader& reader = *fine.shards.front()->reader;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> active,
+                            ActiveTreeOf(reader, rule));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::vector<volume::BlockId> resolved,
+      BlocksResolvedBy(coarse.shards, frame::InStoredValues(rule, coarse.value_scale),
+                       {.fine = &reader.layout(), .fine_active = active.get(), .level = level},
+                       resources, cancellation));
+  *response->mutable_blocks() = wire::ToProto(resolved);
+  response->set_active_block_count(active->count());
   return absl::OkStatus();
 }
 

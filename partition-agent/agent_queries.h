@@ -46,6 +46,16 @@ absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources
                          const isoscope::internal::v1::GetCellBoxRequest& request,
                          const base::Cancellation& cancellation,
                          isoscope::internal::v1::GetCellBoxResponse* response);
+// Reads the active blocks of a level, on the threads of `resources`.
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const isoscope::internal::v1::GetResolvedBlocksRequest& request,
+                         const base::Cancellation& cancellation,
+                         isoscope::internal::v1::GetResolvedBlocksResponse* response);
+// Computes in the arena of `resources`.
+absl::Status AnswerQuery(const ShardSet& shards, const AgentResources& resources,
+                         const isoscope::internal::v1::GetDepthBoundsRequest& request,
+                         const base::Cancellation& cancellation,
+                         isoscope::internal::v1::GetDepthBoundsResponse* response);
 absl::Status AnswerQuery(const ShardSet& shards,
                          const isoscope::internal::v1::GetGradientsRequest& request,
                          const base::Cancellation& cancellation,

@@ -186,7 +186,7 @@ absl::StatusOr<OpenedShards> OpenShards(const AgentServerOptions& options,
                                 SeriesShard::Open(directory, options.memory->TakeOpenVolumes()));
     } else {
       ISOSCOPE_ASSIGN_OR_RETURN(opened.plain.emplace_back(),
-                                OpenShard(directory, NextShardNumber(), open_file));
+                                OpenShardWithLevels(directory, open_file));
     }
     opening->NoteOpen();
   }

@@ -144,11 +144,14 @@ class ExtractSurfaceCall final : public SurfaceReactor {
       return absl::InvalidArgumentError(
           "smooth_labels is set beside clip: a smooth mesh can't be cut");
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
-                              agent_.shards.Find(request_.dataset_id(), request_.shard_indices()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const int level, wire::LevelFromProto(request_.level(), "level"));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        LevelShards found,
+        agent_.shards.FindLevel(request_.dataset_id(), request_.shard_indices(), level));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), rule_,
+        SurfaceExtraction::Make(std::move(found.shards),
+                                frame::InStoredValues(rule_, found.value_scale),
                                 {.clip = clip, .closes = request_.closes()},
                                 agent_.Resources(/*trace=*/nullptr), &cancellation_));
     v1::ExtractSurfaceResponse message;

@@ -72,8 +72,10 @@ absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
 absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   in_work_.emplace(agent_.options.memory->frames());
-  ISOSCOPE_ASSIGN_OR_RETURN(Shards shards,
-                            agent_.shards.Find(begin.dataset_id(), begin.shard_indices()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int level,
+                            wire::LevelFromProto(begin.frame().level(), "begin.frame.level"));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      LevelShards drawn, agent_.shards.FindLevel(begin.dataset_id(), begin.shard_indices(), level));
   ISOSCOPE_ASSIGN_OR_RETURN(task_, FrameTaskFromProto(begin));
   if (begin.mailbox() != 0 && agent_.options.mailboxes == nullptr) {
     return absl::InvalidArgumentError(absl::StrCat(
@@ -81,22 +83,30 @@ absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
   }
   mailbox_ = begin.mailbox();
   shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
-  block_count_ = shards.front()->reader->layout().block_count();
+  block_count_ = drawn.shards.front()->reader->layout().block_count();
   ISOSCOPE_ASSIGN_OR_RETURN(
       task_.counted_blocks,
       wire::BlockListFromProto(begin.counted_blocks(), block_count_, "begin.counted_blocks"));
   ISOSCOPE_ASSIGN_OR_RETURN(task_.counted_layer_blocks,
                             wire::BlockListFromProto(begin.counted_layer_blocks(), block_count_,
                                                      "begin.counted_layer_blocks"));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Shards> color_shards, FindColors(begin));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<LevelShards> colors, FindColors(begin));
   ISOSCOPE_RETURN_IF_ERROR(CheckRoom());
-  Shards volumes = shards;
-  for (const Shards& surface_shards : color_shards) {
-    volumes.insert(volumes.end(), surface_shards.begin(), surface_shards.end());
+  Shards volumes = drawn.shards;
+  std::vector<Shards> color_shards;
+  std::vector<double> color_scales;
+  for (const LevelShards& color : colors) {
+    volumes.insert(volumes.end(), color.shards.begin(), color.shards.end());
+    color_shards.push_back(color.shards);
+    color_scales.push_back(color.value_scale);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      pipeline_, FramePipeline::Make(std::move(shards), task_, agent_.Resources(trace_.recorder()),
-                                     &cancellation_, color_shards));
+  if (level > 0) {
+    task_.whole = drawn.whole;
+    task_.spec = frame::InStoredValues(std::move(task_.spec), drawn.value_scale, color_scales);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(pipeline_, FramePipeline::Make(std::move(drawn.shards), task_,
+                                                           agent_.Resources(trace_.recorder()),
+                                                           &cancellation_, color_shards));
   look_ = agent_.play.NoteFrame({.dataset_id = begin.dataset_id(),
                                  .shard_indices = begin.shard_indices(),
                                  .color_ids = begin.color_dataset_ids(),
@@ -107,8 +117,8 @@ absl::Status FrameAnswerer::Begin(const v1::BeginFrame& begin) {
   return absl::OkStatus();
 }
 
-// Finds the shards of the volumes that colour surfaces, by surface.
-absl::StatusOr<std::vector<Shards>> FrameAnswerer::FindColors(const v1::BeginFrame& begin) const {
+absl::StatusOr<std::vector<LevelShards>> FrameAnswerer::FindColors(
+    const v1::BeginFrame& begin) const {
   const std::vector<frame::Surface>& surfaces = task_.spec.surfaces;
   const auto count = static_cast<std::size_t>(begin.color_dataset_ids_size());
   if (count != 0 && count != surfaces.size()) {
@@ -116,7 +126,7 @@ absl::StatusOr<std::vector<Shards>> FrameAnswerer::FindColors(const v1::BeginFra
                                                    " elements: must have none, or one for each of ",
                                                    surfaces.size(), " surfaces"));
   }
-  std::vector<Shards> found(count);
+  std::vector<LevelShards> found(count);
   for (std::size_t i = 0; i < count; ++i) {
     const std::string& id = begin.color_dataset_ids(static_cast<int>(i));
     if (id.empty()) {
@@ -127,7 +137,8 @@ absl::StatusOr<std::vector<Shards>> FrameAnswerer::FindColors(const v1::BeginFra
                                                      "\": must be empty, because surface ", i,
                                                      " shows no other field"));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(found[i], agent_.shards.Find(id, begin.shard_indices()));
+    ISOSCOPE_ASSIGN_OR_RETURN(found[i],
+                              agent_.shards.FindLevel(id, begin.shard_indices(), task_.spec.level));
   }
   return found;
 }

@@ -61,7 +61,8 @@ class FrameAnswerer {
   }
 
  private:
-  absl::StatusOr<std::vector<Shards>> FindColors(
+  // The volumes that colour surfaces, by surface; one without shards shows no other field.
+  absl::StatusOr<std::vector<LevelShards>> FindColors(
       const isoscope::internal::v1::BeginFrame& begin) const;
   void EnterOneThread(std::optional<base::OneThreadScope>* scope) const;
   [[nodiscard]] view::Viewport DrawnViewport() const;

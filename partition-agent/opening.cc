@@ -16,6 +16,9 @@
 #include "core/store/manifest.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
+#include "core/store/shard_levels.h"
+#include "core/store/span_tree_file.h"
+#include "core/volume/volume_level.h"
 
 namespace isoscope::agent {
 namespace {
@@ -98,8 +101,13 @@ void Opening::Begin(const std::vector<std::string>& shard_directories) {
   plan.shard_count = static_cast<int>(shard_directories.size());
   std::set<std::string> datasets;
   for (const std::string& directory : shard_directories) {
-    plan.table_bytes += SizeOf(store::PathIn(directory, store::kRangeTableFileName)) +
-                        SizeOf(store::PathIn(directory, store::kBlockIndexFileName));
+    for (int level = 0; level <= volume::kMaxLevel; ++level) {
+      const std::string tables = store::LevelDirectory(directory, level);
+      plan.table_bytes += SizeOf(store::PathIn(tables, store::kBlockIndexFileName));
+      if (!io::PathExists(store::PathIn(tables, store::kSpanTreeFileName))) {
+        plan.table_bytes += SizeOf(store::PathIn(tables, store::kRangeTableFileName));
+      }
+    }
     if (std::string name = NameOfDataset(directory); !name.empty()) {
       datasets.insert(std::move(name));
     }

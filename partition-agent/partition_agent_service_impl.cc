@@ -90,6 +90,11 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
       std::move(end));
 }
 
+// Questions that read blocks, on the threads of frames.
+template <typename Request>
+constexpr bool kReadsBlocks = std::is_same_v<Request, v1::GetCellBoxRequest> ||
+                              std::is_same_v<Request, v1::GetResolvedBlocksRequest>;
+
 template <typename Request, typename Response>
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
     AgentMethod method, grpc::CallbackServerContext* context, const Request* request,
@@ -102,14 +107,14 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
       executor = &agent_.label_executor;
     }
   }
-  if constexpr (std::is_same_v<Request, v1::GetCellBoxRequest>) {
+  if constexpr (kReadsBlocks<Request>) {
     max_duration = absl::Hours(1);  // the frame that waits for it has a deadline of its own
   }
   return rpc::UnaryTask::Start(
       context, *request, executor, max_duration,
       [this, request, response](const base::Cancellation& cancellation,
                                 const base::TraceContext& /*identity*/) {
-        if constexpr (std::is_same_v<Request, v1::GetCellBoxRequest>) {
+        if constexpr (kReadsBlocks<Request> || std::is_same_v<Request, v1::GetDepthBoundsRequest>) {
           return agent_.damages.ForCaller(AnswerQuery(agent_.shards, agent_.Resources(nullptr),
                                                       *request, cancellation, response));
         } else {

@@ -74,6 +74,18 @@ class PartitionAgentServiceImpl final
       isoscope::internal::v1::GetGradientsResponse* response) override {
     return StartQuery(AgentMethod::kGetGradients, context, request, response);
   }
+  grpc::ServerUnaryReactor* GetDepthBounds(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::GetDepthBoundsRequest* request,
+      isoscope::internal::v1::GetDepthBoundsResponse* response) override {
+    return StartQuery(AgentMethod::kGetDepthBounds, context, request, response);
+  }
+  grpc::ServerUnaryReactor* GetResolvedBlocks(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::GetResolvedBlocksRequest* request,
+      isoscope::internal::v1::GetResolvedBlocksResponse* response) override {
+    return StartQuery(AgentMethod::kGetResolvedBlocks, context, request, response);
+  }
 
  private:
   // Answers on a thread of the query executor (AnswerQuery).

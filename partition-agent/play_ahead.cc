@@ -34,7 +34,7 @@ std::string LookOf(const SeriesShard& series, const SeriesShard::Place& place,
                    const std::vector<std::optional<store::ScalarVolumeKey>>& colors,
                    const frame::FrameSpec& spec) {
   std::string look = absl::StrCat(series.served()->manifest.dataset_id, " ", place.key.field, ".",
-                                  place.key.component);
+                                  place.key.component, " level ", spec.level);
   for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
     const volume::InsideRule& rule = spec.surfaces[i].rule;
     absl::StrAppend(&look, " ", absl::Hex(std::bit_cast<std::uint64_t>(rule.isovalue)));
@@ -56,6 +56,7 @@ struct PlayAhead::Step {
   std::string look;
   std::string dataset_id;
   google::protobuf::RepeatedField<std::int32_t> shard_indices;
+  int level = 0;
   std::vector<std::string> color_ids;  // by surface; "": none
   ExpectedFrame frame;                 // without its volumes, which are opened when they are used
   base::Cancellation cancellation;
@@ -148,6 +149,7 @@ PlayAhead::StepPointer PlayAhead::MakeStep(const Frame& frame, const SeriesShard
   auto step = std::make_shared<Step>();
   step->dataset_id = id_of(place.key);
   step->shard_indices = frame.shard_indices;
+  step->level = frame.spec.level;
   for (const std::string& id : frame.color_ids) {
     if (!frame.spec.sends_map_steps) {
       break;
@@ -219,13 +221,17 @@ void PlayAhead::NoteHidden(const std::string& look, std::vector<volume::BlockId>
 
 absl::StatusOr<ExpectedFrame> PlayAhead::Open(const Step& step) const {
   ExpectedFrame frame = step.frame;
-  ISOSCOPE_ASSIGN_OR_RETURN(frame.shards, shards_.Find(step.dataset_id, step.shard_indices,
-                                                       SeriesShard::Opening::kAhead));
+  const auto find = [&](const std::string& dataset_id) {
+    return shards_.FindLevel(dataset_id, step.shard_indices, step.level,
+                             SeriesShard::Opening::kAhead);
+  };
+  ISOSCOPE_ASSIGN_OR_RETURN(LevelShards drawn, find(step.dataset_id));
+  frame.shards = std::move(drawn.shards);
   std::vector<Shards> by_surface(step.frame.rules.size());
   for (std::size_t i = 0; i < step.color_ids.size(); ++i) {
     if (!step.color_ids[i].empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(by_surface[i], shards_.Find(step.color_ids[i], step.shard_indices,
-                                                            SeriesShard::Opening::kAhead));
+      ISOSCOPE_ASSIGN_OR_RETURN(LevelShards color, find(step.color_ids[i]));
+      by_surface[i] = std::move(color.shards);
     }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(frame.colors, ColorVolumes::Make(frame.shards, by_surface));

@@ -52,8 +52,8 @@ class PlayAhead {
     const std::string& dataset_id;  // of its volume
     const google::protobuf::RepeatedField<std::int32_t>& shard_indices;
     const google::protobuf::RepeatedPtrField<std::string>& color_ids;  // by surface, or empty
-    const frame::FrameSpec& spec;
-    const Shards& volumes;  // all that it has open
+    const frame::FrameSpec& spec;  // of stored values, as FrameTask has it
+    const Shards& volumes;         // all that it has open
     std::uint64_t cache_round = 0;
   };
 

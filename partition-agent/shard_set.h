@@ -14,12 +14,20 @@
 #include "absl/time/time.h"
 #include "google/protobuf/repeated_field.h"
 
+#include "core/volume/grid_geometry.h"
 #include "partition-agent/shard/series_shard.h"
 #include "partition-agent/shard/shard.h"
 
 namespace isoscope::agent {
 
 using SeriesShards = std::vector<std::shared_ptr<SeriesShard>>;
+
+// The shards of a level of a volume.
+struct LevelShards {
+  Shards shards;
+  volume::GridGeometry whole;  // of level 0: frames of all levels have its clip planes
+  double value_scale = 1;      // volume::VolumeLevel::value_scale
+};
 
 // Thread-safe. Dataset ids are those of datasets, or of scalar volumes of a series.
 class ShardSet {
@@ -47,9 +55,16 @@ class ShardSet {
       const std::string& dataset_id,
       const google::protobuf::RepeatedField<std::int32_t>& shard_indices,
       SeriesShard::Opening opening = SeriesShard::Opening::kForFrame) const;
-  // Returns some shard of a dataset that is served, for what all shards have. Errors as Find.
-  [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> FindAny(
-      const std::string& dataset_id) const;
+  // Finds the shards of a level, 0 to volume::kMaxLevel. Errors as Find; FAILED_PRECONDITION names a
+  // shard that lacks the level.
+  [[nodiscard]] absl::StatusOr<LevelShards> FindLevel(
+      const std::string& dataset_id,
+      const google::protobuf::RepeatedField<std::int32_t>& shard_indices, int level,
+      SeriesShard::Opening opening = SeriesShard::Opening::kForFrame) const;
+  // Returns some shard of a level of a dataset that is served, for what all shards have. Errors as
+  // FindLevel.
+  [[nodiscard]] absl::StatusOr<LevelShards> FindAny(const std::string& dataset_id,
+                                                    int level = 0) const;
 
   // Those of datasets without fields. None before Fill; then they stay.
   [[nodiscard]] const Shards& plain() const { return is_filled() ? shards_ : kNoShards; }
@@ -63,7 +78,9 @@ class ShardSet {
     SeriesShard* series = nullptr;
     [[nodiscard]] int index() const;
     [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> Open(
-        const std::string& dataset_id, SeriesShard::Opening opening) const;
+        const std::string& dataset_id, int level, SeriesShard::Opening opening) const;
+    // Returns a level without shards.
+    [[nodiscard]] LevelShards DescribeLevel(const std::string& dataset_id, int level) const;
   };
   // FAILED_PRECONDITION if there are none.
   [[nodiscard]] absl::StatusOr<std::vector<Served>> ServedOf(const std::string& dataset_id) const;

@@ -104,8 +104,8 @@ def effect_flags(random_):
         "color": lambda: ["--color-by", random_.choice(["z", "x:turbo", "gradient", "normal"])],
         "occlusion": lambda: ["--ambient-occlusion", random_.choice(["8", "32", "56,0.5"])],
         "samples": lambda: ["--samples", random_.choice(["4", "4", "9", "16"])],
-        "planes": lambda: [word for plane in random_.sample(["depth", "surface-index", "position", "normal"],
-                                                            random_.randint(1, 4))
+        "planes": lambda: [word for plane in random_.sample(
+            ["depth", "surface-index", "position", "normal", "depth-bounds"], random_.randint(1, 5))
                            for word in (f"--{plane}", f"{plane}.npy")],
         "silhouette": lambda: ["--silhouette", random_.choice(["1", "4", "16"])],
         "culling": lambda: ["--culling", random_.choice(["mask", "none"])],

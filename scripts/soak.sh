@@ -8,7 +8,7 @@ set -euo pipefail
 usage() {
   cat <<'USAGE'
 Usage: scripts/soak.sh [MINUTES] [--seed N]
-       scripts/soak.sh --threads|--labels|--series [--frames N] [--seed N]
+       scripts/soak.sh --threads|--labels|--series|--levels|--depth-bounds [--frames N] [--seed N]
 
   MINUTES     of all parts together (default: 30)
   --threads   instead, small random frames: each is drawn with 1, 2, 3, 8 or 32 threads, some memory
@@ -18,7 +18,14 @@ Usage: scripts/soak.sh [MINUTES] [--seed N]
   --labels    the same of random segmentations, with surfaces of labels; a tenth again with OpenGL
   --series    the same of random series (fields, components, steps, colours by another field), each
               compared with the frame of a dataset of its array alone; a tenth again with OpenGL
-  --frames N  how many frames are compared, at least (default: 100000; of series and labels 20000)
+  --levels    the same of levels: volumes, segmentations and series with levels, colours by another
+              field, samples, occlusion, silhouettes, and up to 64 threads; each is compared with
+              the frame of levels that do not come from partitioning; a hundredth again with OpenGL
+  --depth-bounds
+              the depths of random frames are compared with the bounds of depth of their blocks; one
+              view of each volume
+  --frames N  how many frames are compared, at least (default: 100000; of series and labels 20000; of
+              --depth-bounds 10000)
   --seed N    of the first volume or series; each one after it has the next (default: from the clock)
   -h, --help  this text
 USAGE
@@ -38,8 +45,8 @@ while [ $# -gt 0 ]; do
       usage
       exit 0
       ;;
-    --threads | --labels | --series)
-      [ -z "$small" ] || fail "--threads, --labels and --series are runs of their own"
+    --threads | --labels | --series | --levels | --depth-bounds)
+      [ -z "$small" ] || fail "--threads, --labels, --series, --levels and --depth-bounds are runs of their own"
       small="$1"
       ;;
     --frames | --seed)
@@ -59,7 +66,7 @@ done
 if [ -n "$small" ] && [ -n "$minutes" ]; then
   fail "$small ends after --frames, not after minutes"
 elif [ -z "$small" ] && [ -n "$frames" ]; then
-  fail "--frames needs --threads, --labels or --series"
+  fail "--frames needs --threads, --labels, --series, --levels or --depth-bounds"
 fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -79,6 +86,11 @@ if [ -n "$small" ]; then
   elif [ "$small" = --labels ]; then
     run '*FramesOfLabels/Cpu' "${frames:-20000}"
     run '*FramesOfLabels/Egl' "$((${frames:-20000} / 10 + 1))"
+  elif [ "$small" = --levels ]; then
+    run '*FramesOfLevels/Cpu' "${frames:-100000}"
+    run '*FramesOfLevels/Egl' "$((${frames:-100000} / 100 + 1))"
+  elif [ "$small" = --depth-bounds ]; then
+    run '*ExactDepthsLieBetweenTheirBounds/Cpu' "${frames:-10000}"
   else
     run 'BackEnds/SoakTest.FramesOfSeries*/Cpu' "${frames:-20000}"
     run 'BackEnds/SoakTest.FramesOfSeries*/Egl' "$((${frames:-20000} / 10 + 1))"

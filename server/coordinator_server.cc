@@ -45,10 +45,11 @@ namespace {
 
 // Features of this server beyond the first version that clients may use; ascending. proto/README.md
 // explains each name.
-constexpr std::array<const char*, 13> kFeatures = {
-    "bands",      "closed_meshes", "color_ranges", "dataset_id", "draining_agents",
-    "error_info", "fit_cells",     "label_values", "labels",     "nan_color",
-    "notes",      "pages",         "smooth_labels"};
+constexpr std::array<const char*, 17> kFeatures = {
+    "bands",           "closed_meshes",   "color_ranges", "dataset_id",   "depth_bounds",
+    "draining_agents", "error_info",      "fit_cells",    "label_values", "labels",
+    "levels",          "nan_color",       "notes",        "pages",        "refinement",
+    "smooth_labels",   "unresolved_count"};
 
 isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
   isoscope::v1::GetCapabilitiesResponse capabilities;

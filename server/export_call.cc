@@ -36,6 +36,8 @@
 #include "server/call/bell.h"
 #include "server/call/call_work.h"
 #include "server/call/public_call.h"
+#include "server/cluster/served_levels.h"
+#include "server/frame/frame_runner.h"
 #include "server/frame/surface_stream.h"
 #include "server/isosurface_service_impl.h"
 #include "server/pace_alarm.h"
@@ -173,12 +175,19 @@ class IsosurfaceServiceImpl::ExportCall final
         SelectVolume(found, request_.has_selection() ? &request_.selection() : nullptr,
                      &no_surfaces));
     const v1::Dataset& dataset = selected.dataset->dataset;
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry whole,
                               wire::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const ServedLevel* const level,
+                              ChooseLevel(selected.dataset->levels, dataset, whole, spec_.rules,
+                                          {.level = spec_.level}, /*pixels_per_unit=*/0));
+    const volume::GridGeometry geometry = GridOfLevel(whole, spec_.level);
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout, LayoutOf(dataset, geometry));
+    const std::vector<ReplicaSet>& sets =
+        level == nullptr ? selected.dataset->replica_sets : level->replica_sets;
+    const auto parts_of_level = [&] { return state_.replicas.Choose(sets, dataset.dataset_id()); };
 
-    ISOSCOPE_RETURN_IF_ERROR(work_.KeepMemory(
-        state_.memory.ReserveExport(state_.PartsOf(*selected.dataset).size(), cancellation)));
+    ISOSCOPE_RETURN_IF_ERROR(
+        work_.KeepMemory(state_.memory.ReserveExport(parts_of_level().size(), cancellation)));
     const mesh::WorldPlacement placement(geometry);
     const mesh::SurfaceGrid grid{.geometry = geometry,
                                  .layout = layout,
@@ -194,7 +203,7 @@ class IsosurfaceServiceImpl::ExportCall final
         begun_.set_surface_index(static_cast<std::int32_t>(i));
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const ExportedSurface surface,
-                                ExportOne(*selected.dataset, grid, i, vertex_count));
+                                ExportOne(dataset, parts_of_level(), grid, i, vertex_count));
       vertex_count += surface.vertex_count;
       if (spec_.with_measures) {
         ISOSCOPE_RETURN_IF_ERROR(SendMeasures(surface));
@@ -204,11 +213,13 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
   // Sends one surface, but for its measures.
-  absl::StatusOr<ExportedSurface> ExportOne(const DatasetState& dataset,
+  absl::StatusOr<ExportedSurface> ExportOne(const v1::Dataset& dataset,
+                                            std::vector<FramePart> parts,
                                             const mesh::SurfaceGrid& grid,
                                             std::size_t surface_index, std::int64_t first_vertex) {
     isoscope::internal::v1::ExtractSurfaceRequest request;
-    request.set_dataset_id(dataset.dataset.dataset_id());
+    request.set_dataset_id(dataset.dataset_id());
+    request.set_level(spec_.level);
     const volume::InsideRule& rule = spec_.rules[surface_index];
     request.set_isovalue(rule.isovalue);
     request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
@@ -220,7 +231,7 @@ class IsosurfaceServiceImpl::ExportCall final
     request.set_without_blocks(spec_.without_mesh);
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<mesh::SurfaceSource*> sources;
-    for (FramePart& part : state_.PartsOf(dataset)) {
+    for (FramePart& part : parts) {
       streams.push_back(std::make_unique<SurfaceStream>(
           std::move(part), grid.layout, request, work_.cancellation().deadline(),
           options_.max_agent_silence, call_.request()));

@@ -4,6 +4,7 @@
     tools/draw_algorithm.py            writes docs/algorithm/*.svg
     tools/draw_algorithm.py --check    exit code 1 if a file there is not what this script draws
 """
+import math
 import pathlib
 import sys
 
@@ -123,7 +124,117 @@ def mask():
     return figure.svg()
 
 
-FIGURES = {'block.svg': block, 'column.svg': column, 'mask.svg': mask}
+class FlatTree:
+    """The tree of spans over a square of 16 x 16 blocks with pages of 4 x 4. The field is the distance from a point.
+
+    A node is (x, y, side), in blocks.
+    """
+
+    CENTER, ISOVALUE = (-3.0, 19.0), 14
+    VOLUME, PAGE, BLOCK = 16, 4, 1
+    ACTIVE, ACTIVE_BLOCK, EMPTY, UNSEEN = '#dbeafe', '#93c5fd', '#eee', '#fff'
+
+    def row(self, side):
+        """The nodes of a size, the parts of each node beside each other."""
+        if side == self.VOLUME:
+            return [(0, 0, side)]
+        return [(x + dx, y + dy, side) for x, y, _ in self.row(2 * side) for dy in (0, side) for dx in (0, side)]
+
+    def span(self, node):
+        """Least and largest distance."""
+        ends = [(begin - center, begin + node[2] - center) for begin, center in zip(node, self.CENTER)]
+        return (math.hypot(*(max(low, -high, 0) for low, high in ends)),
+                math.hypot(*(max(-low, high) for low, high in ends)))
+
+    def is_active(self, node):
+        least, most = self.span(node)
+        return least < self.ISOVALUE <= most
+
+    def is_reached(self, node):
+        """Whether all nodes above are active, so that this one is looked at."""
+        x, y, side = node
+        above = (x - x % (2 * side), y - y % (2 * side), 2 * side)
+        return side == self.VOLUME or (self.is_active(above) and self.is_reached(above))
+
+    def color(self, node):
+        return self.UNSEEN if not self.is_reached(node) else self.ACTIVE if self.is_active(node) else self.EMPTY
+
+    def draw_blocks(self, figure, page, left, top, step):
+        """Draws the blocks of an active page, its corner at (left, top), those that are active filled."""
+        for i in range(self.PAGE**2):
+            x, y = i % self.PAGE, i // self.PAGE
+            is_active = self.is_active((page[0] + x, page[1] + y, self.BLOCK))
+            figure.rect(left + step * x, top + step * y, step, step, self.ACTIVE_BLOCK if is_active else 'none', BLUE,
+                        thickness=0.5)
+
+
+def draw_slice(figure, tree, left, top, step):
+    """Draws the blocks as they lie in the volume, as far as they are looked at, and the surface."""
+    for side in (8, tree.PAGE):
+        for node in filter(tree.is_reached, tree.row(side)):
+            x, y = left + step * node[0], top + step * node[1]
+            figure.rect(x, y, step * side, step * side, tree.color(node), GREY, thickness=1)
+            if side == tree.PAGE and tree.is_active(node):
+                tree.draw_blocks(figure, node, x, y, step)
+    for x, y, side in tree.row(8):
+        figure.rect(left + step * x, top + step * y, step * side, step * side)
+    x, y, radius = left + step * tree.CENTER[0], top + step * tree.CENTER[1], step * tree.ISOVALUE
+    bottom = top + step * tree.VOLUME
+    begin_y, end_x = y - math.sqrt(radius**2 - (x - left)**2), x + math.sqrt(radius**2 - (y - bottom)**2)
+    figure.path(f'M{left} {begin_y:.1f} A {radius} {radius} 0 0 1 {end_x:.1f} {bottom}', stroke=RED)
+
+
+def draw_tree(figure, tree, middle):
+    """Draws the nodes in rows, and the blocks of active pages below them."""
+    rows = [(tree.VOLUME, 76, 0, 'volume'), (8, 136, 80, 'nodes'), (tree.PAGE, 196, 20, 'pages')]
+
+    def place(side, step, i):
+        return middle + step * (i - (len(tree.row(side)) - 1) / 2)
+
+    for (above, y1, wide, _), (below, y2, step, _) in zip(rows, rows[1:]):
+        for i, node in enumerate(tree.row(below)):
+            if tree.is_reached(node):
+                figure.line(place(above, wide, i // 4), y1 + 8, place(below, step, i), y2 - 8, stroke=GREY, thickness=1)
+    for side, y, step, name in rows:
+        figure.text(316, y + 4, name, fill='#666', anchor='end', size=11)
+        for i, node in enumerate(tree.row(side)):
+            x, color, is_seen = place(side, step, i), tree.color(node), tree.is_reached(node)
+            ink = BLUE if color == tree.ACTIVE else '#666'
+            figure.rect(x - 8, y - 8, 16, 16, color, ink, dash='' if is_seen else '3 3')
+            if side != tree.PAGE:
+                least, most = tree.span(node)
+                figure.text(x + 12, y + 4, f'{least:.0f} to {most:.0f}', fill=ink, size=11)
+            elif color == tree.ACTIVE:
+                figure.line(x, y + 8, x, 242, stroke=GREY, thickness=1)
+                tree.draw_blocks(figure, node, x - 8, 242, 4)
+    figure.text(316, 254, 'blocks', fill='#666', anchor='end', size=11)
+
+
+def octree():
+    """The octree of spans: what an isovalue looks at, and what it leaves out."""
+    figure = Figure(720, 388, 'The octree of spans: what an isovalue looks at, and what it leaves out')
+    tree = FlatTree()
+    figure.text(20, 24, 'a slice through the volume')
+    draw_slice(figure, tree, 20, 56, 15)
+    figure.text(340, 24, f'the tree: does a span hold the isovalue {tree.ISOVALUE}?')
+    draw_tree(figure, tree, 492)
+    for color, begin, end, y, text in ((GREEN, 56, 208, 290, 'two samples a node: every agent holds them'),
+                                       (ORANGE, 236, 264, 308, 'two samples a block: loaded page by page')):
+        figure.line(326, begin, 326, end, stroke=color, thickness=2.5)
+        figure.line(340, y, 352, y, stroke=color, thickness=2.5)
+        figure.text(360, y + 4, text)
+    for x, fill, stroke, dash, text in ((20, tree.ACTIVE, BLUE, '', 'holds it: looked into'),
+                                        (192, tree.ACTIVE_BLOCK, BLUE, '', 'active block'),
+                                        (316, tree.EMPTY, '#666', '', 'does not: left out with all below'),
+                                        (572, tree.UNSEEN, '#666', '3 3', 'not looked at')):
+        figure.rect(x, 332, 14, 14, fill, stroke, dash)
+        figure.text(x + 22, 344, text)
+    figure.text(20, 374, 'Drawn flat, with pages of 4 x 4 blocks. Real ones have 16 x 16 x 16; nodes above have eight parts.',
+                fill='#666', size=11)
+    return figure.svg()
+
+
+FIGURES = {'block.svg': block, 'column.svg': column, 'mask.svg': mask, 'octree.svg': octree}
 
 
 def main():

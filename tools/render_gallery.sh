@@ -9,8 +9,8 @@ Usage: tools/render_gallery.sh VOLUMES [PROGRAM]
   VOLUMES  folder with the volumes that docs/gallery.md names
   PROGRAM  isoscope (default: build/release/bin/isoscope)
 
-The pictures go to docs/gallery/. The one of a volume of 3.6 GB is made only with
-ISOSCOPE_GALLERY_LARGE=1.
+The pictures go to docs/gallery/. Those of volumes of 3.6 and 16.8 GB are made only with
+ISOSCOPE_GALLERY_LARGE=1; they need 60 GB in the folder for temporary files.
 USAGE
 }
 

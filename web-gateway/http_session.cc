@@ -353,7 +353,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
       fields.emplace_back("Access-Control-Allow-Origin", origin_);
       fields.emplace_back("Access-Control-Expose-Headers",
                           "ETag, X-Isoscope-Extent, X-Isoscope-Camera, X-Isoscope-Selection, "
-                          "X-Isoscope-Time, X-Isoscope-Color-Ranges, X-Request-Id");
+                          "X-Isoscope-Time, X-Isoscope-Color-Ranges, X-Isoscope-Level, "
+                          "X-Request-Id");
       fields.emplace_back("Vary", "Origin");
     }
     if (is_ending_) {

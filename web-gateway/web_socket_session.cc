@@ -2,12 +2,13 @@
 //
 //   from the viewer        one message at a time: decoded, queued in the stream, then the next
 //                          one is read
-//   from the coordinator   a response becomes the frame of the slot; one that still waits there is
-//                          replaced, and reported as shown, which returns its credit
-//   to the viewer          one write under way; when it is done, the slot's frame is next
+//   from the coordinator   a response becomes a frame of the queue; it replaces those that still wait
+//                          there, which are reported as shown: that returns their credit. A tile
+//                          replaces none: it waits behind them
+//   to the viewer          one write under way; when it is done, the oldest frame is next
 //
-// So a viewer that does not read holds at most two frames here, and no thread. It is dropped when a
-// write exceeds its time limit.
+// So a viewer that does not read holds two frames here, or as many tiles as the queue has, and no
+// thread. It is dropped when a write exceeds its time limit.
 //
 // All functions run on the connection's strand, except the stream's callbacks, which post to it.
 // The stream holds the session until it ends; the session drops the stream when it ends.
@@ -96,8 +97,10 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     stream_ = InteractStream::Open(
         parts_->client, token_, identity_,
         [self = shared_from_this()](v1::InteractResponse response) {
-          const std::int64_t number = response.frame_number();
-          FrameSlot::Frame frame{.frame_number = number, .bytes = EncodeFrame(std::move(response))};
+          FrameQueue::Frame frame{.frame_number = response.frame_number(),
+                                  .adds_to_picture = AddsToPicture(response),
+                                  .bytes = ""};
+          frame.bytes = EncodeFrame(std::move(response));
           self->socket_->Post(
               [self, frame = std::move(frame)]() mutable { self->Offer(std::move(frame)); });
         },
@@ -135,15 +138,15 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     }
   }
 
-  void Offer(FrameSlot::Frame frame) {
+  void Offer(FrameQueue::Frame frame) {
     if (is_closing_ || stream_ == nullptr) {
       return;
     }
-    if (const std::optional<std::int64_t> replaced = slot_.Offer(std::move(frame))) {
+    for (const std::int64_t replaced : queue_.Offer(std::move(frame))) {
       ++replaced_count_;
       parts_->metrics->replaced_frames.Add();
       v1::InteractRequest shown;
-      shown.mutable_frame_shown()->set_frame_number(*replaced);
+      shown.mutable_frame_shown()->set_frame_number(replaced);
       stream_->Send(std::move(shown));
     }
     if (!is_writing_) {
@@ -152,7 +155,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
   }
 
   void WriteNext() {
-    std::optional<FrameSlot::Frame> frame = slot_.Take();
+    std::optional<FrameQueue::Frame> frame = queue_.Take();
     if (!frame || is_closing_) {
       return;
     }
@@ -242,7 +245,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
   std::shared_ptr<http::Connections::Lease> lease_;
   const std::shared_ptr<http::PeerStream> socket_;  // its timer: of the write, or of the close
   std::shared_ptr<InteractStream> stream_;
-  FrameSlot slot_;
+  FrameQueue queue_;
   std::int64_t sent_count_ = 0;
   std::int64_t replaced_count_ = 0;
   bool is_open_ = false;

@@ -12,6 +12,7 @@
 #include "wire/frame_convert.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -23,6 +24,7 @@
 #include "core/frame/drawn_window.h"
 #include "core/view/camera.h"
 #include "core/view/camera_fit.h"
+#include "core/volume/volume_level.h"
 #include "wire/enum_table.h"
 #include "wire/first_look.h"
 #include "wire/known_fields.h"
@@ -98,10 +100,11 @@ absl::StatusOr<frame::OutputSpec> OutputFromProto(const v1::OutputOptions& proto
   output.surface_index = proto.surface_index();
   output.position = proto.position();
   output.normal = proto.normal();
+  output.depth_bounds = proto.depth_bounds();
   if (output.image_format == frame::ImageFormat::kNone && frame::RawBytesPerPixel(output) == 0) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ".image_format is 4 (none): must not be without a plane; ask for ", path,
-                     ".depth, .surface_index, .position or .normal"));
+                     ".depth, .surface_index, .position, .normal or .depth_bounds"));
   }
   return output;
 }
@@ -249,6 +252,9 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(const v1::RenderIsosurfaceRe
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
   ISOSCOPE_ASSIGN_OR_RETURN(spec.effects, EffectsFromProto(request));
+  if (request.has_level()) {
+    ISOSCOPE_RETURN_IF_ERROR(LevelChoiceFromProto(request.level(), "level").status());
+  }
   ISOSCOPE_RETURN_IF_ERROR(frame::CheckDrawnWindow(spec));
   ISOSCOPE_RETURN_IF_ERROR(CheckRangesOfRegion(spec));
   if (spec.output.image_format == frame::ImageFormat::kJpeg && spec.background_color.a != 255) {
@@ -289,6 +295,7 @@ isoscope::internal::v1::FrameSpec ToProto(const frame::FrameSpec& spec) {
   proto.set_ray_seed(static_cast<std::int64_t>(spec.ray_seed));
   proto.set_sends_normals(spec.sends_normals);
   proto.set_sends_map_steps(spec.sends_map_steps);
+  proto.set_level(spec.level);
   return proto;
 }
 
@@ -299,6 +306,7 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
   ISOSCOPE_RETURN_IF_ERROR(SetDrawn(proto, &spec));
   spec.sends_normals = proto.sends_normals();
   spec.sends_map_steps = proto.sends_map_steps();
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.level, LevelFromProto(proto.level(), "level"));
   return spec;
 }
 
@@ -314,9 +322,13 @@ absl::StatusOr<AskedFrame> AskedFrameFromProto(const v1::RenderIsosurfaceRequest
     asked.fit = request.camera_fit();
   }
   asked.fit_viewport = asked.spec.viewport;
+  if (request.has_level()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(asked.level, LevelChoiceFromProto(request.level(), "level"));
+  }
   asked.with_trace = request.with_trace();
   asked.allow_partial = request.allow_partial();
   asked.with_notes = request.with_notes();
+  asked.with_unresolved_count = request.with_unresolved_count();
   return asked;
 }
 
@@ -353,6 +365,51 @@ v1::ClipRegion ToProto(const view::ClipRegion& clip) {
   return proto;
 }
 
+absl::StatusOr<int> LevelFromProto(std::int32_t level, absl::string_view path) {
+  if (level < 0 || level > volume::kMaxLevel) {
+    return absl::InvalidArgumentError(absl::StrCat(path, " is ", level, ": must be 0 to ",
+                                                   volume::kMaxLevel,
+                                                   "; GetDataset lists the levels of a dataset"));
+  }
+  return level;
+}
+
+absl::StatusOr<view::LevelChoice> LevelChoiceFromProto(const v1::LevelChoice& proto,
+                                                       const std::string& path) {
+  view::LevelChoice choice;
+  switch (proto.choice_case()) {
+    case v1::LevelChoice::kLevel: {
+      ISOSCOPE_ASSIGN_OR_RETURN(choice.level,
+                                LevelFromProto(proto.level(), absl::StrCat(path, ".level")));
+      return choice;
+    }
+    case v1::LevelChoice::kMaxSpacingPx:
+      choice.max_spacing_px = proto.max_spacing_px();
+      if (!(choice.max_spacing_px > 0) || std::isinf(choice.max_spacing_px)) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(path, ".max_spacing_px is ", choice.max_spacing_px,
+                         ": must be above 0 and finite, in pixels, such as 1.1; leave ", path,
+                         " out for level 0"));
+      }
+      return choice;
+    case v1::LevelChoice::CHOICE_NOT_SET:
+      break;
+  }
+  return absl::InvalidArgumentError(absl::StrCat(path, " chooses nothing: set ", path, ".level or ",
+                                                 path,
+                                                 ".max_spacing_px, or leave it out for level 0"));
+}
+
+v1::LevelChoice ToProto(const view::LevelChoice& choice) {
+  v1::LevelChoice proto;
+  if (choice.level.has_value()) {
+    proto.set_level(*choice.level);
+  } else {
+    proto.set_max_spacing_px(choice.max_spacing_px);
+  }
+  return proto;
+}
+
 absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
   v1::RenderIsosurfaceRequest frame;
@@ -379,6 +436,12 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(const v1::ExportIsosurfaceRequest
   if (spec.without_mesh && !spec.with_measures) {
     return absl::InvalidArgumentError(
         "without_mesh is set and with_measures is not: the answer would be empty");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.level, LevelFromProto(request.level(), "level"));
+  if (spec.level > 0 && spec.with_measures) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "level is ", spec.level,
+        " beside with_measures: measures are of level 0; ask for them without a level"));
   }
   return spec;
 }

@@ -5,6 +5,7 @@
 #ifndef ISOSCOPE_WIRE_FRAME_CONVERT_H_
 #define ISOSCOPE_WIRE_FRAME_CONVERT_H_
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,6 +19,7 @@
 #include "core/math/box.h"
 #include "core/view/camera.h"
 #include "core/view/clip_region.h"
+#include "core/view/level_choice.h"
 #include "core/volume/patient_frame.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -45,9 +47,11 @@ struct AskedFrame {
   std::optional<isoscope::v1::FieldSelection> selection;
   isoscope::v1::CameraFit fit = isoscope::v1::CAMERA_FIT_VOLUME;  // never unspecified
   view::Viewport fit_viewport;  // of the request: pictures in motion may be drawn smaller
+  std::optional<view::LevelChoice> level;  // not set: level 0, and the answer does not name it
   bool with_trace = false;
   bool allow_partial = false;
   bool with_notes = false;
+  bool with_unresolved_count = false;
   bool with_all_fields = false;  // the agents must have the volumes of all fields
 };
 // Converts a request, as FrameSpecFromProto. Nothing reads the message after that.
@@ -60,6 +64,14 @@ absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipReg
                                                      const std::string& path);
 isoscope::v1::ClipRegion ToProto(const view::ClipRegion& clip);
 
+// Converts the choice of a level. INVALID_ARGUMENT names the field below `path`, its value and the
+// allowed values.
+absl::StatusOr<view::LevelChoice> LevelChoiceFromProto(const isoscope::v1::LevelChoice& proto,
+                                                       const std::string& path);
+isoscope::v1::LevelChoice ToProto(const view::LevelChoice& choice);
+// Returns the number of a level. INVALID_ARGUMENT outside of 0 to volume::kMaxLevel.
+absl::StatusOr<int> LevelFromProto(std::int32_t level, absl::string_view path);
+
 // The most surfaces of one export: as many as a dataset has names of labels.
 inline constexpr std::size_t kMaxExportedSurfaces = 65536;
 
@@ -71,9 +83,10 @@ struct ExportSpec {
   bool with_origin = false;
   bool with_measures = false;
   bool without_mesh = false;
+  int level = 0;
 };
 // Converts a request. Surfaces and clip region are checked as those of a frame, also for unknown
-// fields. INVALID_ARGUMENT if neither a mesh nor measures are wanted.
+// fields. INVALID_ARGUMENT if neither a mesh nor measures are wanted, or measures of a level.
 absl::StatusOr<ExportSpec> ExportSpecFromProto(
     const isoscope::v1::ExportIsosurfaceRequest& request);
 

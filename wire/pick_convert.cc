@@ -94,6 +94,7 @@ absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceReques
   ISOSCOPE_ASSIGN_OR_RETURN(spec.asked, AskedFrameFromProto(frame));
   spec.asked.spec = frame::WithoutLook(std::move(spec.asked.spec), /*sends_normals=*/true);
   spec.asked.spec.culling = frame::Culling::kDepth;
+  spec.asked.level.reset();
   spec.asked.with_all_fields = proto.with_field_values();
   return spec;
 }

@@ -34,6 +34,8 @@ constexpr BytesField kBytesFields[] = {
             &RenderIsosurfaceResponse::mutable_surface_index>(),
     FieldOf<&RenderIsosurfaceResponse::position, &RenderIsosurfaceResponse::mutable_position>(),
     FieldOf<&RenderIsosurfaceResponse::normal, &RenderIsosurfaceResponse::mutable_normal>(),
+    FieldOf<&RenderIsosurfaceResponse::depth_bounds,
+            &RenderIsosurfaceResponse::mutable_depth_bounds>(),
 };
 
 }  // namespace

@@ -34,6 +34,7 @@
 #include "clients/cpp/request/clip_flags.h"
 #include "clients/cpp/request/dataset_fields.h"
 #include "clients/cpp/request/json_text.h"
+#include "clients/cpp/request/level_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/selection_flags.h"
@@ -68,7 +69,9 @@ struct ExportFlags {
   bool closes = false;
   std::optional<std::string> stats;
   std::optional<std::string> dataset_id;
+  std::optional<std::int64_t> level;
 
+  [[nodiscard]] bool is_coarse() const { return level.value_or(0) > 0; }
   // Those of isovalues, then those of labels. REQUIRES: CheckUsage is OK.
   [[nodiscard]] std::vector<client::MeshSurface> mesh_surfaces() const {
     std::vector<client::MeshSurface> list;
@@ -128,6 +131,9 @@ absl::Status CheckUsage(const ExportFlags& flags) {
   if (*flags.output == "-") {
     return UsageError("--output -: a mesh is written to a file, not to standard output: name one");
   }
+  if (flags.stats && flags.is_coarse()) {
+    return UsageError("--stats has the measures of level 0: leave --level out, or --stats");
+  }
   if (flags.stats && *flags.stats != "-") {
     ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.stats));
   }
@@ -168,6 +174,7 @@ isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
     *request.mutable_selection() = *selection;
   }
   request.set_dataset_id(flags.dataset_id.value_or(""));
+  request.set_level(static_cast<std::int32_t>(flags.level.value_or(0)));
   return request;
 }
 
@@ -281,7 +288,7 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   isoscope::v1::ExportIsosurfaceRequest request = MakeRequest(flags, dataset.name());
   request.set_closes(flags.closes);
   request.set_with_origin(knows_closed_meshes);
-  request.set_with_measures(knows_closed_meshes);
+  request.set_with_measures(knows_closed_meshes && !flags.is_coarse());
   file_options.field = client::PinSelection(dataset, &request);
   const base::MonotonicTime start = base::MonotonicNow();
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<client::MeshFileOptions> file_list,
@@ -301,8 +308,10 @@ absl::Status Run(const ExportFlags& given, const Context& context) {
   for (const client::LabelSurface& label : flags.label.surfaces) {
     names.push_back(label.name);
   }
-  const std::vector<MeasuredSurface> surfaces =
-      MeasuredSurfaces(request, names, exporter.measures());
+  std::vector<MeasuredSurface> surfaces;
+  if (!flags.is_coarse()) {  // measures are of level 0
+    surfaces = MeasuredSurfaces(request, names, exporter.measures());
+  }
   Report(files, surfaces, dataset.length_unit(), base::MonotonicNow() - start, report);
   if (flags.stats) {
     ISOSCOPE_RETURN_IF_ERROR(WriteStats(flags, files, surfaces, dataset.length_unit(), context));
@@ -316,10 +325,10 @@ Action RegisterExportFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
   AddSessionFlags(set, &flags->session, {.format = "--input-format"});
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
-          "the level, in field units");
+          "the isovalue, in field units");
   AddRepeatableFlag(
       set, "--surface", "V[:COLOR]", &flags->surfaces, client::ParseSurface,
-      "a surface: its level and colour; instead of --isovalue and --color, any number "
+      "a surface: its isovalue and colour; instead of --isovalue and --color, any number "
       "of times. All go into one file: as primitives with materials in GLB, as objects "
       "in OBJ, with a surface index of vertices in PLY and VTP");
   client::AddLabelFlags(set, &flags->label, /*has_opacity=*/false);
@@ -357,6 +366,7 @@ Action RegisterExportFlags(FlagSet* set) {
           "'-' is standard output, in place of all else there");
   AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
           "fail if the dataset under that name has another id; `isoscope info` prints it");
+  client::AddMeshLevelFlag(set, &flags->level);
   AddQuietFlag(set, &flags->is_quiet);
   return [flags](const Context& context) {
     return Run(*flags, flags->is_quiet ? QuietContext(context) : context);
@@ -376,6 +386,7 @@ Command ExportCommand() {
               "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
               "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
               "  isoscope export head.nii.gz --isovalue 60 --close --output print.stl\n"
+              "  isoscope export large/ --isovalue 60 --level 2 --output coarse.ply\n"
               "  isoscope export organs.seg.nrrd --labels all --output organ-%l.stl\n"
               "  isoscope export --server localhost:50051 --isovalue 60 --output head.stl\n",
           .register_flags = RegisterExportFlags};

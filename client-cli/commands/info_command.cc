@@ -286,7 +286,7 @@ absl::StatusOr<std::unique_ptr<Session>> OpenSession(const InfoFlags& flags,
   session_flags.source = flags.source;
   session_flags.timeout = flags.timeout;
   if (flags.input) {
-    session_flags.renderer = render::RendererKind::kCpu;  // nothing is drawn
+    session_flags.renderer = render::RendererKind::kCpu;  // counts need no graphics card
   }
   const WantedVolumes wanted{.selection = flags.selection};
   return Session::Open(session_flags, &wanted, std::nullopt, context);
@@ -336,6 +336,10 @@ absl::StatusOr<std::string> AskDataset(const InfoFlags& flags, const Context& co
     (*json)["measures"] = MeasuresToJson(surfaces, dataset.length_unit());
     absl::StrAppend(&text, "\n",
                     MeasuresTable(surfaces, dataset.length_unit(), context.out_columns));
+    if (const std::string costs = LevelCostsTable(surfaces, context.out_columns); !costs.empty()) {
+      absl::StrAppend(&text, "\na frame of ", kLevelCostSidePx, " x ", kLevelCostSidePx,
+                      " pixels, by level (render --level N):\n", costs);
+    }
   }
   return text;
 }

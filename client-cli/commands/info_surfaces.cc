@@ -1,5 +1,10 @@
 #include "client-cli/commands/info_surfaces.h"
 
+#include <cstdint>
+#include <vector>
+
+#include "absl/status/status.h"
+
 #include "client-cli/commands/surface_notes.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/mesh_export.h"
@@ -13,6 +18,64 @@
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
+namespace {
+
+// A frame without surfaces.
+isoscope::v1::RenderIsosurfaceRequest FrameLike(
+    const isoscope::v1::ExportIsosurfaceRequest& request) {
+  isoscope::v1::RenderIsosurfaceRequest frame;
+  frame.set_dataset(request.dataset());
+  frame.mutable_viewport()->set_width_px(kLevelCostSidePx);
+  frame.mutable_viewport()->set_height_px(kLevelCostSidePx);
+  frame.mutable_output()->set_image_format(isoscope::v1::OutputOptions::IMAGE_FORMAT_NONE);
+  frame.mutable_output()->set_surface_index(true);  // the smallest answer
+  if (request.has_clip()) {
+    *frame.mutable_clip() = request.clip();
+  }
+  if (request.has_selection()) {
+    *frame.mutable_selection() = request.selection();
+  }
+  return frame;
+}
+
+// Draws each isosurface from each level that it can be drawn from.
+absl::Status AddLevelCosts(const isoscope::v1::ExportIsosurfaceRequest& request,
+                           const isoscope::v1::Dataset& dataset, Session* session,
+                           const Context& context, std::vector<MeasuredSurface>* surfaces) {
+  isoscope::v1::RenderIsosurfaceRequest frame = FrameLike(request);
+  std::vector<std::int32_t> levels = {0};
+  for (const isoscope::v1::DatasetLevel& level : dataset.levels()) {
+    levels.push_back(level.level());
+  }
+  const WaitingLine waiting(context.err, context.err_is_terminal, "drawing levels");
+  for (MeasuredSurface& surface : *surfaces) {
+    if (!surface.surface.labels().empty()) {
+      continue;  // may be hundreds
+    }
+    frame.clear_surfaces();
+    frame.add_surfaces()->set_isovalue(surface.surface.isovalue());
+    for (const std::int32_t level : levels) {
+      frame.mutable_level()->set_level(level);
+      const auto drawn = session->client().RenderIsosurface(frame, session->frame_timeout());
+      if (level > 0 && absl::IsFailedPrecondition(drawn.status())) {
+        continue;  // of labels, or not of this field and step
+      }
+      ISOSCOPE_RETURN_IF_ERROR(drawn.status());
+      const isoscope::v1::RenderStatistics& statistics = drawn->statistics();
+      surface.levels.push_back({.level = level,
+                                .max_spacing_px = drawn->drawn_level().max_spacing_px(),
+                                .active_block_count = statistics.active_block_count(),
+                                .visible_block_count = statistics.visible_block_count(),
+                                .triangle_count = statistics.triangle_count()});
+    }
+    if (surface.levels.size() == 1) {
+      surface.levels.clear();  // there is nothing to choose
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
 
 void AddInfoSurfaceFlags(FlagSet* set, InfoSurfaceFlags* flags) {
   AddRepeatableFlag(set, "--isovalue", "V", &flags->isovalues, client::ParseNumber,
@@ -73,7 +136,11 @@ absl::StatusOr<std::vector<MeasuredSurface>> MeasureInfoSurfaces(
         return measures[static_cast<std::size_t>(surface)].triangle_count > 0;
       },
       session, context));
-  return MeasuredSurfaces(request, names, measures);
+  std::vector<MeasuredSurface> surfaces = MeasuredSurfaces(request, names, measures);
+  if (!dataset.levels().empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(AddLevelCosts(request, dataset, session, context, &surfaces));
+  }
+  return surfaces;
 }
 
 }  // namespace isoscope::cli

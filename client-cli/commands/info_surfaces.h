@@ -20,6 +20,9 @@
 
 namespace isoscope::cli {
 
+// Pixels a side of the frames that tell what levels cost.
+inline constexpr int kLevelCostSidePx = 1024;
+
 struct InfoSurfaceFlags {
   std::vector<double> isovalues;
   client::LabelFlags label;
@@ -37,8 +40,9 @@ void AddInfoSurfaceFlags(FlagSet* set, InfoSurfaceFlags* flags);
 // region can have.
 absl::Status CheckUsage(const InfoSurfaceFlags& flags);
 
-// Measures the surfaces of the selected field. Errors as client::ResolveLabels and
-// client::MeasureSurfaces.
+// Measures the surfaces of the selected field. If the dataset has levels, draws each isosurface from
+// each of them, too, kLevelCostSidePx a side with the default camera. Errors as
+// client::ResolveLabels, client::MeasureSurfaces and ServiceClient::RenderIsosurface.
 absl::StatusOr<std::vector<MeasuredSurface>> MeasureInfoSurfaces(
     const InfoSurfaceFlags& flags, const client::SelectionFlags& selection,
     const isoscope::v1::Dataset& dataset, Session* session, const Context& context);

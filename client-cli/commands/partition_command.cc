@@ -1,7 +1,8 @@
-// isoscope partition INPUT --output DIR | --append DIR
+// isoscope partition INPUT --output DIR | --append DIR | --add-levels DIR | --drop-levels DIR
 //
 // 1. CheckUsage refuses flags that contradict each other. With --append the series has fixed its
-//    shards, blocks, distribution, seed and label names, so these flags are refused.
+//    shards, blocks, distribution, seed, levels and label names, so these flags are refused.
+//    --add-levels and --drop-levels take no input: they change a dataset that exists, and end here.
 // 2. OpenIdentified opens the source and notes the stamps of its files (core/formats).
 // 3. A source of one field, component and step, without a time, becomes a plain dataset
 //    (PartitionVolume). Any other source becomes a series, and so does an appended one
@@ -18,6 +19,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/commands/program.h"
+#include "client-cli/session/level_flags.h"
 #include "client-cli/session/partition_volume.h"
 #include "client-cli/session/series_flags.h"
 #include "client-cli/session/source_flags.h"
@@ -31,6 +33,7 @@
 #include "core/formats/format_table.h"
 #include "core/formats/open_request.h"
 #include "core/math/vec.h"
+#include "core/partition/dataset_levels.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
 #include "core/source/volume_series.h"
@@ -48,6 +51,8 @@ struct PartitionFlags {
   std::optional<std::string> input;
   std::optional<std::string> output;
   std::optional<std::string> append;
+  std::optional<std::string> add_levels;
+  std::optional<std::string> drop_levels;
   bool resumes = false;
   std::optional<std::int64_t> shard_count;
   std::optional<math::Index3> block_cells;
@@ -55,6 +60,7 @@ struct PartitionFlags {
   std::optional<store::BlockEncoding> compression;
   std::optional<std::uint64_t> seed;
   std::optional<std::int64_t> memory_limit_bytes;
+  LevelFlags levels;
   SeriesFlags series;
   SourceFlags source;
 
@@ -67,6 +73,16 @@ struct PartitionFlags {
            : seed         ? "--seed"
                           : nullptr;
   }
+  // The first flag of those that need an input, or null.
+  [[nodiscard]] const char* FirstOfInput() const {
+    return append                   ? "--append"
+           : resumes                ? "--resume"
+           : FirstOfCut()           ? FirstOfCut()
+           : !series.fields.empty() ? "--field"
+           : series.steps           ? "--step"
+           : series.time            ? "--time"
+                                    : source.FirstGiven();
+  }
 };
 
 absl::Status GreedySeriesError() {
@@ -75,7 +91,36 @@ absl::Status GreedySeriesError() {
       "or time steps, has its blocks in the same shard in every volume: --distribution random");
 }
 
+// --add-levels and --drop-levels.
+absl::Status CheckLevelUsage(const PartitionFlags& flags) {
+  const char* const action = flags.add_levels ? "--add-levels DIR" : "--drop-levels DIR";
+  if (flags.add_levels && flags.drop_levels) {
+    return UsageError("--add-levels and --drop-levels exclude each other; drop first, then add");
+  }
+  if (flags.input) {
+    return UsageError(absl::StrCat("INPUT can't be used with ", action,
+                                   ": levels are made of the samples of the dataset"));
+  }
+  if (const char* given = flags.FirstOfInput(); given != nullptr) {
+    return UsageError(absl::StrCat(given, " can't be used with ", action,
+                                   "; the dataset stays as it is otherwise"));
+  }
+  if (flags.add_levels && flags.levels.highest == 0) {
+    return UsageError(
+        "--levels none can't be used with --add-levels DIR; --drop-levels removes levels");
+  }
+  if (flags.drop_levels && (flags.levels.FirstGiven() != nullptr || flags.compression)) {
+    return UsageError(
+        absl::StrCat(flags.compression ? "--compression" : flags.levels.FirstGiven(),
+                     " can't be used with --drop-levels DIR, which drops all levels"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status CheckUsage(const PartitionFlags& flags) {
+  if (flags.add_levels || flags.drop_levels) {
+    return CheckLevelUsage(flags);
+  }
   if (!flags.input) {
     return UsageError("INPUT is missing: the volume to partition");
   }
@@ -84,6 +129,11 @@ absl::Status CheckUsage(const PartitionFlags& flags) {
       return UsageError(absl::StrCat(given,
                                      " can't be used with --append DIR; what is appended is "
                                      "cut as the series"));
+    }
+    if (const char* given = flags.levels.FirstGiven(); given != nullptr) {
+      return UsageError(absl::StrCat(
+          given,
+          " can't be used with --append DIR; what is appended gets the levels of the series"));
     }
     if (flags.source.label_names) {
       return UsageError(
@@ -109,13 +159,14 @@ std::string Summarize(const store::Manifest& manifest, const std::string& direct
   const math::Index3& dims = manifest.geometry.sample_dims;
   const std::int64_t source_bytes =
       math::Volume(dims) * static_cast<std::int64_t>(volume::SizeOf(manifest.scalar_type));
-  return absl::StrCat(manifest.source, ": ", dims.x, " x ", dims.y, " x ", dims.z, " samples of ",
-                      volume::NameOf(manifest.scalar_type), ", ", FormatMebibytes(source_bytes),
-                      "\n", directory, ": ", FormatCount(block_count), " blocks in ",
-                      manifest.shards.size(),
-                      manifest.shards.size() == 1 ? " shard, " : " shards, ",
-                      FormatMebibytes(block_bytes), ", values ", manifest.value_range.min, " to ",
-                      manifest.value_range.max, ", in ", FormatElapsed(elapsed), "\n");
+  return absl::StrCat(
+      manifest.source, ": ", dims.x, " x ", dims.y, " x ", dims.z, " samples of ",
+      volume::NameOf(manifest.scalar_type), ", ", FormatMebibytes(source_bytes), "\n", directory,
+      ": ", FormatCount(block_count), " blocks in ", manifest.shards.size(),
+      manifest.shards.size() == 1 ? " shard, " : " shards, ", FormatMebibytes(block_bytes),
+      ", values ", manifest.value_range.min, " to ", manifest.value_range.max,
+      manifest.highest_level() > 0 ? absl::StrCat(", levels 1 to ", manifest.highest_level()) : "",
+      ", in ", FormatElapsed(elapsed), "\n");
 }
 
 // "5 fields, 50 steps from 0 to 4.9 s".
@@ -141,7 +192,9 @@ std::string Summarize(const store::SeriesManifest& series, const PartitionFlags&
       dims.y, " x ", dims.z, " samples\n", directory, ": ", base::Printable(FieldsAndSteps(series)),
       ", ", FormatCount(static_cast<std::int64_t>(series.volumes.size())),
       series.volumes.size() == 1 ? " volume in " : " volumes in ", series.shard_count,
-      series.shard_count == 1 ? " shard" : " shards", ", in ", FormatElapsed(elapsed), "\n");
+      series.shard_count == 1 ? " shard" : " shards",
+      series.highest_level() > 0 ? absl::StrCat(", levels 1 to ", series.highest_level()) : "",
+      ", in ", FormatElapsed(elapsed), "\n");
 }
 
 partition::PartitionOptions OptionsOf(const PartitionFlags& flags) {
@@ -156,11 +209,36 @@ partition::PartitionOptions OptionsOf(const PartitionFlags& flags) {
   options.compression = flags.compression.value_or(options.compression);
   options.seed = flags.seed.value_or(options.seed);
   options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
+  options.levels = LevelOptionsOf(flags.levels);
   return options;
+}
+
+// --add-levels and --drop-levels.
+absl::Status ChangeLevels(const PartitionFlags& flags, const Context& context) {
+  const base::MonotonicTime start = base::MonotonicNow();
+  if (flags.drop_levels) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        partition::DropLevels(*flags.drop_levels, context.interrupt->cancellation()));
+    *context.out << base::Printable(*flags.drop_levels) << ": has no levels\n";
+    return absl::OkStatus();
+  }
+  partition::AddLevelsOptions options;
+  options.levels = LevelOptionsOf(flags.levels);
+  options.compression = flags.compression.value_or(options.compression);
+  options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
+  ISOSCOPE_ASSIGN_OR_RETURN(const int highest, AddLevels(*flags.add_levels, options, context));
+  *context.out << base::Printable(*flags.add_levels) << ": "
+               << (highest > 0 ? absl::StrCat("has levels 1 to ", highest)
+                               : "has no levels: it is too small for --levels auto")
+               << ", in " << FormatElapsed(base::MonotonicNow() - start) << "\n";
+  return absl::OkStatus();
 }
 
 absl::Status Run(const PartitionFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  if (flags.add_levels || flags.drop_levels) {
+    return ChangeLevels(flags, context);
+  }
   partition::PartitionOptions options = OptionsOf(flags);
   const base::MonotonicTime start = base::MonotonicNow();
   if (flags.append) {
@@ -203,6 +281,10 @@ Action RegisterPartitionFlags(FlagSet* set) {
           "the dataset folder; must not exist yet");
   AddFlag(set, "--append", "DIR", &flags->append, ParseText,
           "a dataset folder with time steps, to which those of INPUT are appended");
+  AddFlag(set, "--add-levels", "DIR", &flags->add_levels, ParseText,
+          "a dataset folder, to which levels are added: see --levels; no INPUT");
+  AddFlag(set, "--drop-levels", "DIR", &flags->drop_levels, ParseText,
+          "a dataset folder, from which all levels are removed; no INPUT");
   set->AddSwitch("--resume", &flags->resumes,
                  "go on with what an interrupted run has finished of several fields or steps");
   AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
@@ -218,6 +300,7 @@ Action RegisterPartitionFlags(FlagSet* set) {
   AddFlag(set, "--seed", "S", &flags->seed, client::ParseUnsigned,
           "seed of the random distribution (default: 1)")
       .Group("Blocks and shards");
+  AddLevelFlags(set, &flags->levels);
   AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, client::ParseByteSize,
           "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
   AddSeriesFlags(set, &flags->series);
@@ -233,14 +316,15 @@ Action RegisterPartitionFlags(FlagSet* set) {
 Command PartitionCommand() {
   return {.name = "partition",
           .summary = "Cuts a volume into a dataset folder of one or more shards",
-          .usage = "INPUT --output DIR | --append DIR [OPTIONS]",
+          .usage = "INPUT --output DIR | INPUT --append DIR | --add-levels DIR [OPTIONS]",
           .examples =
               "  isoscope partition head.nii.gz --output head --shards 4\n"
               "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
               "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n"
               "  isoscope partition flow.pvd --shards 4 --output flow\n"
               "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p \\\n"
-              "    --time 4.2 --append flow\n",
+              "    --time 4.2 --append flow\n"
+              "  isoscope partition --add-levels run --memory-limit 256MiB\n",
           .register_flags = RegisterPartitionFlags};
 }
 

@@ -87,6 +87,7 @@ struct Subject {
   v1::Dataset dataset;
   std::string picture_revision;
   bool has_notes = false;         // the server knows notes on surfaces
+  bool has_unresolved = false;    // it counts what a level hides
   bool fits_cells = false;        // and CAMERA_FIT_CELLS
   bool has_color_ranges = false;  // and ranges of what is visible, and of percentiles
 };
@@ -100,6 +101,7 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
   ISOSCOPE_ASSIGN_OR_RETURN(const client::Features features,
                             client::FeaturesOf(session->question_timeout(), &session->client()));
   subject.has_notes = features.count("notes") > 0;
+  subject.has_unresolved = features.count("unresolved_count") > 0;
   subject.fits_cells = features.count("fit_cells") > 0;
   subject.has_color_ranges = features.count("color_ranges") > 0;
   return subject;
@@ -116,6 +118,11 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject, const
                         .picture_revision = subject.picture_revision});
 }
 
+// Not set: the request has no choice.
+std::optional<v1::DrawnLevel> LevelOf(const v1::RenderIsosurfaceResponse& response) {
+  return response.has_drawn_level() ? std::optional(response.drawn_level()) : std::nullopt;
+}
+
 // Renders one frame, records its statistics and writes its trace.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
     const v1::RenderIsosurfaceRequest& plain_request, const std::optional<std::string>& trace_path,
@@ -130,6 +137,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - start),
                      .statistics = response.statistics(),
                      .request = plain_request,
+                     .drawn_level = LevelOf(response),
                      .notes = {response.notes().begin(), response.notes().end()}});
   if (trace_path) {
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
@@ -246,9 +254,13 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::Dataset& dataset,
     // The server resolves the camera once: the other regions use the camera of the first.
     *region_request.mutable_camera() = response.camera();
     region_request.clear_camera_fit();
+    if (response.has_drawn_level()) {
+      region_request.mutable_level()->set_level(response.drawn_level().level());
+    }
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(base::MonotonicNow() - region_start),
                        .statistics = std::move(*response.mutable_statistics()),
-                       .request = whole});
+                       .request = whole,
+                       .drawn_level = LevelOf(response)});
     absl::StatusOr<image::RgbaImage> image = ImageOfRaw(response);
     if (image.ok() && shown) {
       shown->Add(region.x, region.y, *image);
@@ -326,12 +338,15 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& 
   }
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
+  client::SetLevel(flags.level, &request);
   if (subject.has_color_ranges) {
     client::AddCommonCapWindow(flags.look, &request);
   }
   request.set_allow_partial(flags.allow_partial);
   request.set_dataset_id(flags.dataset_id.value_or(""));
   request.set_with_notes(subject.has_notes);
+  // Only statistics show it.
+  request.set_with_unresolved_count(subject.has_unresolved && flags.stats.has_value());
   if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -339,8 +354,9 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& 
   return request;
 }
 
-// Describes the picture: its file, its size, and the number of frames of an animation.
-std::string DescribeResult(const RenderFlags& flags) {
+// Describes the picture: its file, its size, the number of frames of an animation, and the level of
+// the last one.
+std::string DescribeResult(const RenderFlags& flags, const v1::RenderIsosurfaceResponse& last) {
   const int frame_count = flags.sweep.frame_count();
   const std::string name = flags.is_to_stdout() ? "standard output"
                            : flags.output       ? FrameFileName(*flags.output, frame_count - 1)
@@ -348,7 +364,8 @@ std::string DescribeResult(const RenderFlags& flags) {
                                                             : "picture";
   return absl::StrCat(
       name, ": ", flags.request.image_size().width_px, " x ", flags.request.image_size().height_px,
-      " pixels", client::IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames") : "");
+      " pixels", client::IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames") : "",
+      last.has_drawn_level() ? absl::StrCat(", ", client::TextOfLevel(last.drawn_level())) : "");
 }
 
 // Draws all frames and writes their pictures. Returns the last answer.
@@ -422,7 +439,7 @@ absl::Status RunFrames(const RenderFlags& given, const PictureDisplay& display, 
   if (flags.stats) {
     TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n";
   }
-  TextOut(flags, context) << DescribeResult(flags) << "\n";
+  TextOut(flags, context) << DescribeResult(flags, last) << "\n";
   return absl::OkStatus();
 }
 
@@ -546,7 +563,7 @@ Command RenderCommand() {
               "  isoscope render head.nii.gz --isovalue 60          in the terminal\n"
               "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 \\\n"
               "    --orbit 10 --output turn-%03d.png --stats turn.json\n"
-              "  isoscope render head.nii.gz --isovalue 20:120:5 --output levels.webp\n"
+              "  isoscope render head.nii.gz --isovalue 20:120:5 --output isovalues.webp\n"
               "  isoscope render head.nii.gz --isovalue 60 --width 32768 --height 32768 \\\n"
               "    --renderer cpu --output poster.png\n"
               "  isoscope render head.nii.gz --isovalue 60 --output head.jpg --depth depth.npy\n"

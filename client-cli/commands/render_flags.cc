@@ -183,6 +183,7 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
   client::AddEffectFlags(set, &flags->effects);
   client::AddViewFlags(set, &flags->view);
   client::AddLookFlags(set, &flags->look);
+  client::AddLevelFlags(set, &flags->level);
   AddShowFlag(set, &flags->show,
               "show the picture in the terminal: auto (default) where standard output is one that "
               "can, or in a format whatever it is; --output may then be left out");
@@ -223,6 +224,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
   ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.level));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
     ISOSCOPE_RETURN_IF_ERROR(
         CheckUsage(flags.look, flags.request.surface_count(), flags.request.has_sample_caps()));

@@ -14,6 +14,7 @@
 #include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/picture_file/annotations.h"
 #include "clients/cpp/request/effect_flags.h"
+#include "clients/cpp/request/level_flags.h"
 #include "clients/cpp/request/look_flags.h"
 #include "clients/cpp/request/render_request.h"
 #include "clients/cpp/request/sweep_flags.h"
@@ -32,6 +33,7 @@ struct RenderFlags {
   client::EffectFlags effects;
   client::ViewFlags view;
   client::LookFlags look;
+  client::LevelFlags level;
   std::optional<std::string> output;
   std::optional<std::string> stats;
   std::optional<std::string> like;

@@ -43,6 +43,7 @@
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/label_flags.h"
+#include "clients/cpp/request/level_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
 #include "core/base/process_interrupt.h"
@@ -81,6 +82,7 @@ struct ViewFlags {
   bool has_no_open = false;
   bool is_in_terminal = false;
   std::optional<ShowMode> show;
+  client::LevelFlags level;
 };
 
 // Returns true if a browser can be opened on the user's desktop.
@@ -244,6 +246,13 @@ std::string TextOf(const client::LabelSurface& surface, const client::LabelValue
   return text;
 }
 
+// "&max-spacing=1.1", as the page takes it; "" without a choice.
+std::string WordsOfLevel(const client::LevelFlags& level) {
+  return level.level            ? absl::StrCat("&level=", *level.level)
+         : level.max_spacing_px ? absl::StrCat("&max-spacing=", FormatValue(*level.max_spacing_px))
+                                : "";
+}
+
 // Gives the session the inputs.
 absl::Status TakeInputs(ViewFlags* flags) {
   std::vector<std::string>& inputs = flags->inputs;
@@ -269,14 +278,16 @@ absl::Status Run(ViewFlags flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckListen(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckTerminalUsage(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.label));
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.level));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, nullptr, view::kCommonViewport, context));
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset, session->GetDataset());
   ISOSCOPE_ASSIGN_OR_RETURN(const FirstSurfaces first,
                             ChooseSurfaces(flags, dataset, session.get()));
   if (flags.is_in_terminal) {
-    return RunTerminalViewer(dataset, {.isovalue = first.isovalue, .labels = first.label.surfaces},
-                             flags.show.value_or(ShowMode::kAuto), session.get(), context);
+    return RunTerminalViewer(
+        dataset, {.isovalue = first.isovalue, .labels = first.label.surfaces, .level = flags.level},
+        flags.show.value_or(ShowMode::kAuto), session.get(), context);
   }
   gateway::GatewayOptions options;
   options.channel = session->channel();
@@ -290,8 +301,9 @@ absl::Status Run(ViewFlags flags, const Context& context) {
   // Without the token, which GetCapabilities must not reveal.
   session->SetGatewayAddress(PageOf(flags, options, server->port(), /*token=*/""));
   const std::string address =
-      ViewAddress(PageOf(flags, options, server->port(), options.access.token), dataset.name(),
-                  first.isovalue, first.label);
+      absl::StrCat(ViewAddress(PageOf(flags, options, server->port(), options.access.token),
+                               dataset.name(), first.isovalue, first.label),
+                   WordsOfLevel(flags.level));
   *context.out << address << std::endl;
   if (context.err_is_terminal) {
     *context.err << "the page is at this address until Ctrl-C" << std::endl;
@@ -322,10 +334,12 @@ Action RegisterViewFlags(FlagSet* set) {
                 "folder; several, for the page to change between: --isovalue, --label and "
                 "--labels are for the first, flags of volumes for all");
   AddRendererFlag(set, &flags->session);
-  AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
-          "the level to begin with, in field units (default: one that the samples suggest, unless "
-          "labels are given, or the samples are labels)");
+  AddFlag(
+      set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
+      "the isovalue to begin with, in field units (default: one that the samples suggest, unless "
+      "labels are given, or the samples are labels)");
   client::AddLabelFlags(set, &flags->label);
+  client::AddLevelFlags(set, &flags->level);
   const auto parse_address = [](absl::string_view text) {
     return rpc::ParseAddress(text, rpc::kGatewayPort);
   };

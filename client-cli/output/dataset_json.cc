@@ -21,6 +21,7 @@
 
 #include "client-cli/output/info_lines.h"
 #include "client-cli/output/label_json.h"
+#include "client-cli/output/level_json.h"
 #include "client-cli/output/series_json.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
@@ -104,6 +105,29 @@ void AddFields(const v1::Dataset& dataset, Json* json) {
   (*json)["time_unit"] = TextOrNull(dataset.time_unit());
 }
 
+// Adds "levels" if there are any beside level 0.
+void AddServedLevels(const v1::Dataset& dataset, Json* json) {
+  for (const v1::DatasetLevel& level : dataset.levels()) {
+    (*json)["levels"].push_back(
+        {{"level", level.level()},
+         {"sample_dims", ToJson(level.geometry().sample_dims())},
+         {"spacing", ToJson(level.geometry().spacing())},
+         {"block_count", level.block_count()},
+         {"filter", WithoutPrefix(v1::DatasetLevel::Filter_Name(level.filter()), "FILTER_")}});
+  }
+}
+
+// Adds a line for each level that a server has.
+void AddServedLevelLines(const Json& levels, std::string* text) {
+  for (const Json& level : levels) {
+    AddLine(absl::StrCat("level ", level.at("level").dump()),
+            absl::StrCat(Joined(level.at("sample_dims"), " x "), " samples, ",
+                         FormatCount(level.at("block_count").get<std::int64_t>()), " blocks, ",
+                         TextOf(level, "filter")),
+            text);
+  }
+}
+
 // Adds the lines for the members of AddGeometry and AddSamples.
 void AddGridLines(const Json& json, const std::string& unit, std::string* text) {
   const std::string type =
@@ -175,6 +199,7 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   for (const int shard : dataset.missing_shards()) {
     json["missing_shards"].push_back(shard);
   }
+  AddServedLevels(dataset, &json);
   if (!dataset.fields().empty()) {
     AddFields(dataset, &json);
   }
@@ -253,6 +278,9 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
                               {"block_count", manifest.shards[i].block_count},
                               {"block_bytes", manifest.shards[i].block_bytes}});
   }
+  if (manifest.highest_level() > 0) {
+    json["levels"] = LevelsToJson(manifest, description.shard_directories);
+  }
   return json;
 }
 
@@ -298,9 +326,13 @@ std::string DescribeDataset(const Json& dataset, int max_width) {
            dataset.at("shard_count").dump(),
            missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
   const bool is_folder = dataset.contains("shards");
+  if (!is_folder && dataset.contains("levels")) {
+    AddServedLevelLines(dataset.at("levels"), &text);
+  }
   if (is_folder) {
     line("distribution",
          absl::StrCat(TextOf(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
+    absl::StrAppend(&text, DescribeLevels(dataset));
   }
   if (dataset.contains("fields")) {
     absl::StrAppend(&text, is_series_folder ? "" : DescribeSteps(dataset), "\n",

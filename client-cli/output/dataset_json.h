@@ -33,7 +33,7 @@ Json VolumeToJson(const source::VolumeSource& source,
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);
 // DatasetToJson with three members of the folder: "distribution", "seed", and "shards": [{"shard",
-// "block_count", "block_bytes"}].
+// "block_count", "block_bytes"}]; "levels" (level_json.h) if there are any.
 Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 
 // The text for users, from the JSON above. The range of a volume's values is a separate line,

@@ -7,7 +7,9 @@
 //
 // Times are protobuf durations; JSON has milliseconds, rounded to microseconds. These members of a
 // frame are there only if they tell something: truncated_pixel_count, missing_shards with
-// active_block_coverage, band_count (two or more), surfaces (of two or more), notes, measures.
+// active_block_coverage, band_count (two or more), level with max_spacing_px and spacing (if the
+// request has a choice of level), unresolved_block_count (of a level), surfaces (of two or more),
+// notes, measures.
 
 #include "client-cli/output/frame_statistics.h"
 
@@ -15,6 +17,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
@@ -25,6 +28,7 @@
 #include <nlohmann/json.hpp>
 
 #include "clients/cpp/request/json_text.h"
+#include "clients/cpp/request/level_flags.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 
@@ -91,6 +95,15 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
   if (statistics.band_count() > 1) {
     json["band_count"] = statistics.band_count();
   }
+  if (frame.drawn_level.has_value()) {
+    const v1::DrawnLevel& drawn = *frame.drawn_level;
+    json["level"] = drawn.level();
+    json["max_spacing_px"] = drawn.max_spacing_px();
+    json["spacing"] = {drawn.spacing().x(), drawn.spacing().y(), drawn.spacing().z()};
+  }
+  if (statistics.has_unresolved_block_count()) {
+    json["unresolved_block_count"] = statistics.unresolved_block_count();
+  }
   json["durations_ms"] = {
       {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},
       {"occluder_rendering", Rounded(Milliseconds(durations.occluder_rendering_duration()))},
@@ -121,6 +134,14 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
 
 std::string FormatStep(const google::protobuf::Duration& duration) {
   return FormatMilliseconds(Milliseconds(duration));
+}
+
+// What the level of a frame hides, behind its name; "" if that is not known.
+std::string UnresolvedText(const v1::RenderStatistics& statistics) {
+  return statistics.has_unresolved_block_count()
+             ? absl::StrCat("; active blocks of level 0 that it does not resolve: ",
+                            FormatCount(statistics.unresolved_block_count()))
+             : "";
 }
 
 }  // namespace
@@ -169,6 +190,29 @@ std::string DescribeBands(const std::vector<FrameRecord>& frames) {
                       " drawn in ", bands, " bands: the whole does not fit the memory limit\n");
 }
 
+std::string DescribeLevels(const std::vector<FrameRecord>& frames) {
+  std::map<std::int32_t, std::size_t> counts;
+  for (const FrameRecord& frame : frames) {
+    if (frame.drawn_level.has_value()) {
+      ++counts[frame.drawn_level->level()];
+    }
+  }
+  if (counts.empty()) {
+    return "";
+  }
+  if (counts.size() == 1) {
+    return absl::StrCat("\nDrawn from ", client::TextOfLevel(*frames.back().drawn_level),
+                        UnresolvedText(frames.back().statistics), "\n");
+  }
+  return absl::StrCat("\nDrawn from ",
+                      absl::StrJoin(counts, ", ",
+                                    [](std::string* out, const auto& count) {
+                                      absl::StrAppend(out, "level ", count.first, " (",
+                                                      count.second, " frames)");
+                                    }),
+                      "\n");
+}
+
 std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width) {
   Table blocks({"frame", "wall ms", "active blocks", "hit by rays", "occluding", "drawn", "culled",
                 "triangles", "read", "network", "png"});
@@ -193,7 +237,7 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_w
                   FormatStep(durations.encode_duration())});
   }
   std::string text = absl::StrCat(blocks.ToString(max_width), "\n", steps.ToString(max_width),
-                                  DescribeBands(frames));
+                                  DescribeBands(frames), DescribeLevels(frames));
   if (!frames.empty() && !frames.back().statistics.agents().empty()) {
     Table agents({"agent", "shards", "active blocks", "drawn", "triangles", "read", "extract ms",
                   "render ms", "busy ms"});

@@ -23,6 +23,7 @@ struct FrameRecord {
   double wall_ms = 0;  // the client's clock around one request
   isoscope::v1::RenderStatistics statistics;
   isoscope::v1::RenderIsosurfaceRequest request = {};
+  std::optional<isoscope::v1::DrawnLevel> drawn_level = std::nullopt;  // of the answer
   std::vector<isoscope::v1::SurfaceNote> notes = {};
   std::optional<FrameMeasures> measures = std::nullopt;  // not set: not measured
 };
@@ -37,6 +38,10 @@ std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statisti
 
 // Returns a line with the number of bands of the frames that were drawn in bands; "" if none was.
 std::string DescribeBands(const std::vector<FrameRecord>& frames);
+
+// Returns a line with the levels that frames were drawn from, and of one level with what it hides in
+// the last frame; "" if no frame chose one.
+std::string DescribeLevels(const std::vector<FrameRecord>& frames);
 
 // Tables of frames, their steps, and the agents and measures of the last frame. max_width: as
 // Table::ToString.

@@ -33,6 +33,9 @@ void AddPlaneFlags(FlagSet* set, PlaneFlags* flags) {
           "write each pixel's point in world space; NaN for the background");
   AddFlag(set, "--normal", "FILE.npy", &flags->files.normal, ParseText,
           "write each pixel's unit normal in world space; NaN for the background");
+  AddFlag(set, "--depth-bounds", "FILE.npy", &flags->files.depth_bounds, ParseText,
+          "write the nearest and the farthest --depth that the exact picture can have at each "
+          "pixel; both infinite where it is proved background (docs/numerics.md)");
 }
 
 bool IsJpegName(const std::string& path) {
@@ -49,7 +52,8 @@ absl::Status CheckUsage(const PlaneFlags& flags, const std::optional<std::string
 
 absl::Status CheckWritable(const PlaneFlags& flags) {
   for (const std::optional<std::string>& path :
-       {flags.files.depth, flags.files.surface_index, flags.files.position, flags.files.normal}) {
+       {flags.files.depth, flags.files.surface_index, flags.files.position, flags.files.normal,
+        flags.files.depth_bounds}) {
     if (path) {
       ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*path));
     }

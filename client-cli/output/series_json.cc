@@ -27,6 +27,7 @@
 
 #include "client-cli/output/info_lines.h"
 #include "client-cli/output/label_json.h"
+#include "client-cli/output/level_json.h"
 #include "core/cli/table.h"
 #include "core/io/file.h"
 #include "core/store/manifest.h"
@@ -268,6 +269,9 @@ Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
   json["distribution"] = std::string(store::NameOf(store::Distribution::kRandom));
   json["seed"] = series.seed;
   json["shards"] = std::move(shards);
+  if (series.highest_level() > 0) {
+    json["levels"] = LevelsToJson(series);
+  }
   AddLabels(series.labels, &json);
   return json;
 }

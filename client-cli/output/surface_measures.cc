@@ -61,7 +61,23 @@ nlohmann::ordered_json SurfaceToJson(const MeasuredSurface& of) {
   json["is_closed"] = measures.volume.has_value();
   json["open_edge_count"] = measures.open_edge_count;
   json["triangle_count"] = measures.triangle_count;
+  for (const LevelCost& cost : of.levels) {
+    json["levels"].push_back({{"level", cost.level},
+                              {"max_spacing_px", cost.max_spacing_px},
+                              {"active_block_count", cost.active_block_count},
+                              {"visible_block_count", cost.visible_block_count},
+                              {"triangle_count", cost.triangle_count}});
+  }
   return json;
+}
+
+// Says that the table has the first rows alone; "" if it has all.
+std::string MoreRows(std::size_t surface_count) {
+  return surface_count <= kMaxTableRows
+             ? ""
+             : absl::StrCat("... and ",
+                            FormatCount(static_cast<std::int64_t>(surface_count - kMaxTableRows)),
+                            " more; JSON lists all\n");
 }
 
 }  // namespace
@@ -116,13 +132,22 @@ std::string MeasuresTable(const std::vector<MeasuredSurface>& surfaces, absl::st
                   measures.volume.has_value() ? Rounded(*measures.volume) : Openness(measures),
                   FormatCount(measures.triangle_count)});
   }
-  std::string text = table.ToString(max_width);
-  if (surfaces.size() > kMaxTableRows) {
-    absl::StrAppend(&text, "... and ",
-                    FormatCount(static_cast<std::int64_t>(surfaces.size() - kMaxTableRows)),
-                    " more; JSON lists all\n");
+  return absl::StrCat(table.ToString(max_width), MoreRows(surfaces.size()));
+}
+
+std::string LevelCostsTable(const std::vector<MeasuredSurface>& surfaces, int max_width) {
+  Table table({"surface", "level", "1 sample, px", "active blocks", "drawn", "triangles"});
+  bool has_rows = false;
+  for (std::size_t i = 0; i < std::min(surfaces.size(), kMaxTableRows); ++i) {
+    for (const LevelCost& cost : surfaces[i].levels) {
+      has_rows = true;
+      table.AddRow({TitleOf(surfaces[i]), absl::StrCat(cost.level),
+                    absl::StrFormat("%.2g", cost.max_spacing_px),
+                    FormatCount(cost.active_block_count), FormatCount(cost.visible_block_count),
+                    FormatCount(cost.triangle_count)});
+    }
   }
-  return text;
+  return has_rows ? absl::StrCat(table.ToString(max_width), MoreRows(surfaces.size())) : "";
 }
 
 }  // namespace isoscope::cli

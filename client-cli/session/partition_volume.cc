@@ -25,7 +25,8 @@ namespace {
 constexpr std::int64_t kProcessBytes = 40 * base::kMiB;
 
 // Replaces progress and memory.
-void ShowProgress(ProgressLine* line, partition::PartitionOptions* options) {
+template <typename Options>
+void ShowProgress(ProgressLine* line, Options* options) {
   options->reserved_bytes = kProcessBytes;
   options->progress = [line](const partition::PartitionProgress& progress) {
     if (progress.total_bytes > 0) {
@@ -119,6 +120,21 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,
         kept == absl::string_view::npos ? "; nothing was left behind" : message.substr(kept)));
   }
   return series;
+}
+
+absl::StatusOr<int> AddLevels(const std::string& directory, partition::AddLevelsOptions options,
+                              const Context& context) {
+  ProgressLine line(context.err, context.err_is_terminal);
+  ShowProgress(&line, &options);
+  const base::Cancellation& cancellation = context.interrupt->cancellation();
+  absl::StatusOr<int> highest = partition::AddLevels(directory, options, cancellation);
+  if (!highest.ok() && cancellation.is_cancelled()) {
+    return absl::CancelledError(absl::StrCat(
+        "interrupted while making levels; ", directory,
+        " can be drawn as before, and the same command goes on with the first volume that is not "
+        "finished"));
+  }
+  return highest;
 }
 
 }  // namespace isoscope::cli

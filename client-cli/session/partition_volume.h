@@ -11,6 +11,7 @@
 
 #include "core/cli/command.h"
 #include "core/formats/open_request.h"
+#include "core/partition/dataset_levels.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
 #include "core/source/volume_series.h"
@@ -53,6 +54,11 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,
                                                       source::VolumeSeries& source,
                                                       partition::SeriesPartitionOptions options,
                                                       const Context& context);
+
+// Adds levels to a dataset, with progress, and replaces the same options. CANCELLED on an
+// interrupt; other errors as partition::AddLevels.
+absl::StatusOr<int> AddLevels(const std::string& directory, partition::AddLevelsOptions options,
+                              const Context& context);
 
 }  // namespace isoscope::cli
 

@@ -40,6 +40,7 @@
 #include "core/source/source_stamps.h"
 #include "core/source/volume_series.h"
 #include "core/store/series_manifest.h"
+#include "core/store/shard_levels.h"
 #include "core/store/shard_reader.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "partition-agent/shard/shard.h"
@@ -58,10 +59,14 @@ absl::Status VerifyShard(const std::string& directory, std::uint32_t* manifest_c
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const agent::Shard> opened,
                             agent::OpenShard(directory));
   *manifest_crc32c = opened->reader->manifest_crc32c();
+  for (int level = 1; level <= opened->reader->manifest().highest_level(); ++level) {
+    ISOSCOPE_RETURN_IF_ERROR(store::OpenLevelOf(*opened->reader, level).status());
+  }
   return opened->reader->ReadHistogram().status();
 }
 
-// Opens all files that a frame can touch: of a series, of all volumes that its manifest names.
+// Opens all files that a frame can touch, of all levels: of a series, of all volumes that its
+// manifest names.
 // Their sizes and checksums are looked at, but for the blocks and the pages of the index.
 absl::Status VerifyDatasetDirectory(const std::string& directory) {
   if (IsMarkedDamaged(directory)) {
@@ -160,6 +165,9 @@ absl::StatusOr<CachedDataset> PrepareSource(const SessionFlags& flags, const Wan
                                             const Context& context) {
   partition::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
+  if (wanted == nullptr) {  // for who looks around; a single picture is made of the samples
+    options.levels.highest = partition::LevelOptions::kAuto;
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const ChosenVolumes chosen, ChooseOf(request, wanted));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::string key,

@@ -161,6 +161,19 @@ std::string NotesOf(const v1::RenderIsosurfaceResponse& frame) {
   });
 }
 
+// " --level 2", or "" if the frame has no choice.
+std::string FlagOfLevel(const v1::LevelChoice& choice) {
+  switch (choice.choice_case()) {
+    case v1::LevelChoice::kLevel:
+      return absl::StrCat(" --level ", choice.level());
+    case v1::LevelChoice::kMaxSpacingPx:
+      return absl::StrCat(" --max-spacing ", Exact(choice.max_spacing_px()));
+    case v1::LevelChoice::CHOICE_NOT_SET:
+      break;
+  }
+  return "";
+}
+
 // What a server knows beyond its first version.
 struct Abilities {
   bool has_notes = false;   // it tells why surfaces do not show
@@ -179,6 +192,7 @@ class Viewer {
         tty_(tty),
         stream_(stream),
         labels_(surfaces.labels),
+        level_(surfaces.level),
         controls_(volume, surfaces.isovalue, surfaces.labels.size()),
         layout_(LayoutOf(terminal.format, terminal.size)),
         cell_(CellOf(terminal.size)) {}
@@ -214,6 +228,7 @@ class Viewer {
   const int tty_;
   client::InteractStream* const stream_;
   const std::vector<client::LabelSurface> labels_;
+  const client::LevelFlags level_;
   ViewControls controls_;
   ViewerLayout layout_;
   const view::Viewport cell_;
@@ -231,7 +246,9 @@ class Viewer {
 };
 
 ViewedSurfaces Viewer::Surfaces() const {
-  return {.isovalue = controls_.isovalue(), .labels = ShownLabels(labels_, controls_.labels())};
+  return {.isovalue = controls_.isovalue(),
+          .labels = ShownLabels(labels_, controls_.labels()),
+          .level = level_};
 }
 
 v1::RenderIsosurfaceRequest Viewer::Frame() const {
@@ -254,6 +271,7 @@ v1::RenderIsosurfaceRequest Viewer::Frame() const {
   frame.mutable_viewport()->set_width_px(layout_.viewport.width_px);
   frame.mutable_viewport()->set_height_px(layout_.viewport.height_px);
   frame.set_culling(v1::CULLING_DEPTH);
+  client::SetLevel(level_, &frame);
   frame.set_with_notes(abilities_.has_notes);
   return frame;
 }
@@ -286,7 +304,10 @@ std::string Viewer::StatusLine() const {
   if (last_) {
     const v1::RenderIsosurfaceResponse& frame = last_->frame();
     absl::StrAppend(&figures, frame.extent().width_px(), " x ", frame.extent().height_px(),
-                    last_->is_exact() ? " exact" : "");
+                    frame.drawn_level().level() > 0
+                        ? absl::StrCat(" ", client::TextOfLevel(frame.drawn_level()))
+                    : last_->is_exact() ? " exact"
+                                        : "");
     if (latency_) {
       absl::StrAppendFormat(&figures, "   %.0f ms", absl::ToDoubleMilliseconds(*latency_));
     }
@@ -467,7 +488,7 @@ std::string FlagsOfFrame(const v1::RenderIsosurfaceRequest& frame, const ViewedS
                       frame.surfaces(0).has_material() ? " --material soft" : "",
                       frame.samples() > 1 ? absl::StrCat(" --samples ", frame.samples()) : "",
                       " --width ", frame.viewport().width_px(), " --height ",
-                      frame.viewport().height_px());
+                      frame.viewport().height_px(), FlagOfLevel(frame.level()));
 }
 
 absl::Status RunTerminalViewer(const v1::Dataset& dataset, const ViewedSurfaces& surfaces,

@@ -15,6 +15,7 @@
 #include "client-cli/session/session.h"
 #include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/request/label_flags.h"
+#include "clients/cpp/request/level_flags.h"
 #include "core/base/monotonic_time.h"
 #include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -26,6 +27,7 @@ namespace isoscope::cli {
 struct ViewedSurfaces {
   std::optional<double> isovalue = std::nullopt;
   std::vector<client::LabelSurface> labels = {};
+  client::LevelFlags level = {};  // that they are drawn from
 };
 
 // Returns the flags of `render` that reproduce a frame of these surfaces, bit for bit. REQUIRES: it

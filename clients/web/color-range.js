@@ -45,7 +45,7 @@ const isClear = ({ color }) => Boolean(color) && !color.alpha;
  * @param {(surface: any) => any} colorByOf what the map of a surface shows @returns {Promise<Map<number, Range>>}
  */
 async function askVisible(colorByOf) {
-  const { withNotes, samples, ambientOcclusion, silhouette, ...state } = shown.getState();
+  const { withNotes, withUnresolvedCount, samples, ambientOcclusion, silhouette, ...state } = shown.getState();
   const { width, height } = shown.loop.picture;
   const surfaces = (state.surfaces ?? []).map((/** @type {any} */ surface) =>
     isMapped(surface) ? { ...surface, colorBy: { ...colorByOf(surface), range: { source: 'SOURCE_VISIBLE' } } } : surface);

@@ -68,7 +68,8 @@ const drawCost = quietly((/** @type {any} */ statistics) => {
   }
   const count = (/** @type {any} */ value) => Number(value ?? 0).toLocaleString('en');
   const bands = Number(statistics.bandCount ?? 0);
-  const figures = [...(bands > 1 ? [['Bands, for memory', count(bands)]] : []), ['Triangles', count(statistics.triangleCount)], ['Active blocks', count(statistics.activeBlockCount)],
+  const unresolved = Number(statistics.unresolvedBlockCount ?? 0);
+  const figures = [...(unresolved > 0 ? [['Not resolved at this level', `${count(unresolved)} blocks`]] : []), ...(bands > 1 ? [['Bands, for memory', count(bands)]] : []), ['Triangles', count(statistics.triangleCount)], ['Active blocks', count(statistics.activeBlockCount)],
     ['Drawn · culled', `${count(statistics.visibleBlockCount)} · ${count(statistics.culledBlockCount)}`],
     ['Read from disk', formatBytes(Number(statistics.readBytes ?? 0))], ['Between servers', formatBytes(Number(statistics.networkBytes ?? 0))]];
   page.figures.replaceChildren(...figures.flatMap(([name, value]) => [make('dt', {}, name), make('dd', {}, value)]));

@@ -95,7 +95,7 @@ async function download(button, note, verb, name, ask) {
 /** @param {import('./series.js').SeriesControls} series */
 function listenToLinks(series) {
   function linkOfView() {
-    history.replaceState(null, '', `#${stateToLink(series.pinned(shown.getState()), shown.dataset)}`);
+    history.replaceState(null, '', `#${stateToLink(series.pinned(shown.getState()), shown.dataset, shown.limits)}`);
     return location.href;
   }
   byId('link', HTMLElement).onclick = () => copy(linkOfView(), client.token
@@ -124,6 +124,14 @@ export function listenToDownloads(series) {
   /** @returns {FrameRequest} */
   const stateOfPicture = () => page.transparent.checked
     ? { ...stateOfDialog(), backgroundColor: { red: 0, green: 0, blue: 0, alpha: 0 } } : stateOfDialog();
+  /**
+   * A mesh has no pixels: of a level that is chosen by them, the mesh is of the one on the screen.
+   * @returns {FrameRequest}
+   */
+  const stateForMesh = () => {
+    const state = series.pinned(shown.getState());
+    return state.level?.maxSpacingPx ? { ...state, level: { level: shown.isExact ? shown.level : 0 } } : state;
+  };
   /** Of an empty field, that of the view. */
   const sizeOfDialog = () => ({ width: Math.round(page.width.valueAsNumber) || shown.loop.picture.width,
     height: Math.round(page.height.valueAsNumber) || shown.loop.picture.height });
@@ -161,7 +169,7 @@ export function listenToDownloads(series) {
   function commandOfDialog() {
     const source = { file: fileOf(shown.dataset, abilities.gatewayAddress, location.href), hasToken: client.token !== '' };
     if (madeOf.value === 'mesh') {
-      return { command: meshToCommand(series.pinned(shown.getState()), meshFormat.value, source), verb: 'writes this mesh' };
+      return { command: meshToCommand(stateForMesh(), meshFormat.value, source), verb: 'writes this mesh' };
     }
     if (madeOf.value === 'film') {
       const film = filmOfDialog();
@@ -233,7 +241,7 @@ export function listenToDownloads(series) {
     const state = stateOfPicture();
     const { width, height } = sizeOfDialog();
     /** @type {FrameRequest} */
-    const request = { ...state, withNotes: undefined, viewport: { widthPx: width, heightPx: height } };
+    const request = { ...state, withNotes: undefined, withUnresolvedCount: undefined, viewport: { widthPx: width, heightPx: height } };
     const address = pictureAddress(state.dataset ?? '', drawnOfDialog(), record.checked);
     download(page.savePng, page.saveNote, 'Drawing …', `${nameOf(state)}.png`, async (signal) => (await client.post(address, request, signal)).blob());
   };
@@ -244,7 +252,7 @@ export function listenToDownloads(series) {
     const count = frameCountOf(film);
     filmProgress.max = count;
     filmProgress.hidden = false;
-    await download(saveFilm, filmNote, '', `${nameOf(state)}.${film.format}`, (signal) => drawFilm(film, { ...state, withNotes: undefined },
+    await download(saveFilm, filmNote, '', `${nameOf(state)}.${film.format}`, (signal) => drawFilm(film, { ...state, withNotes: undefined, withUnresolvedCount: undefined },
       (request, format) => format === 'webp' ? client.request(webpAddress(request, drawn), { signal, cache: 'no-store' })
         : client.post(pictureAddress(state.dataset ?? '', drawn, false), request, signal), signal, (done) => {
         filmProgress.value = done;
@@ -253,7 +261,7 @@ export function listenToDownloads(series) {
     filmProgress.hidden = true;
   };
   saveMesh.onclick = () => {
-    const address = meshAddress(series.pinned(shown.getState()), meshFormat.value);
+    const address = meshAddress(stateForMesh(), meshFormat.value);
     download(saveMesh, page.meshNote, 'Extracting …', `${nameOf(shown.state)}.${meshFormat.value}`,
       async (signal) => (await client.request(address, { signal })).blob());
   };

@@ -5,6 +5,7 @@
 // @ts-check
 
 import { Client, lengthUnitOf, mount } from './isoscope-view.js';
+import { DEFAULT_LIMITS } from './levels.js';
 import { asksFirstLook, stateFromHash, tokenOfHash, withMaterialOf, withoutToken } from './view-state.js';
 import { needsColor } from './label-sets.js';
 import { choiceOf } from './series.js';
@@ -91,7 +92,7 @@ export function stateOfAddress() {
   if (location.hash.length > 1) {
     return stateFromHash(location.hash);
   }
-  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'label', 'labels', 'smooth-labels', 'field', 'component', 'step', 'time'].includes(name));
+  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface', 'label', 'labels', 'smooth-labels', 'field', 'component', 'step', 'time', 'level', 'max-spacing'].includes(name));
   return stateFromHash(new URLSearchParams(words).toString());
 }
 
@@ -107,7 +108,7 @@ export const hasColors = ({ surfaces }) => Boolean(surfaces) && !surfaces.some(n
 export const shown = mount(byId('view', HTMLElement), { renderer,
   // Without colours that only the dataset knows, or a camera, `open` sets it later.
   state: hasColors(start.state) && !asksFirstLook(start.state) ? start.state : undefined,
-  maxSide: Number(query.get('max-side')) || undefined, token, announce: (sentence) => announcer.say(sentence) });
+  maxSide: Number(query.get('max-side')) || undefined, token, limits: start.limits ?? DEFAULT_LIMITS, announce: (sentence) => announcer.say(sentence) });
 view = shown;
 // For users of the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };

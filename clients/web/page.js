@@ -21,6 +21,8 @@ import { drawHistogram, followHistogram, listenToHistogram, loadHistogram, sugge
 import { PATIENT_VIEWS, WORLD_VIEWS, whileShown } from './isoscope-view.js';
 import { allLabels, withColors } from './label-sets.js';
 import { drawLabels, listenToLabels } from './labels.js';
+import { drawLevels, drawOffer, listenToLevels } from './level-controls.js';
+import { DEFAULT_LIMITS, unresolvedText } from './levels.js';
 import { drawLegend, drawLook, drawNotes, listenToLook, takeNotes } from './look.js';
 import { announcer, say } from './messages.js';
 import { listenToMore } from './more.js';
@@ -64,13 +66,14 @@ shown.addEventListener('state', () => {
   clearTimeout(hashTimer);
   hashTimer = window.setTimeout(() => {
     if (shown.hasState) {
-      history.replaceState(null, '', `#${stateToLink(shown.getState(), shown.dataset)}`);
+      history.replaceState(null, '', `#${stateToLink(shown.getState(), shown.dataset, shown.limits)}`);
     }
   }, 250);
 });
 /** Shows the state of the address, unless it is shown already. */
 function openAddress() {
-  const { state, problems } = stateOfAddress();
+  const { state, problems, limits } = stateOfAddress();
+  shown.limits = limits ?? DEFAULT_LIMITS;
   // A link has not the colours of the dataset, nor those that tell surfaces apart.
   const colored = state.surfaces ? { ...state, surfaces: paintedApart(withColors(state.surfaces, shown.dataset)) } : state;
   if (stateToHash(colored) !== stateToHash(shown.getState())) {
@@ -230,8 +233,9 @@ async function open(state, problems, before = []) {
   shown.setPins([]);
   clearPoints();
   const first = asksFirstLook(state) ? withFirstLook(filled, shown.fitKind) : filled;
-  // Older coordinators refuse the question.
-  shown.setState({ ...first, ...(abilities.features.includes('notes') ? { withNotes: true } : {}) });
+  // Older coordinators refuse the questions.
+  shown.setState({ ...first, ...(abilities.features.includes('notes') ? { withNotes: true } : {}),
+    ...(abilities.features.includes('unresolved_count') ? { withUnresolvedCount: true } : {}) });
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -260,6 +264,7 @@ function drawAll() {
   drawSurfaces();
   drawLabels();
   drawLook();
+  drawLevels();
   drawNotes();
   drawPoints();
   drawClip();
@@ -291,9 +296,11 @@ shown.addEventListener('frame', (event) => {
   drawLegend(header.frame);
   takeCapsColoring(header.frame);
   takeNotes(header.frame, Boolean(header.isExact));
+  unresolved = unresolvedText(header.frame?.statistics);
   series.frameShown(header.frame);
   pillChanged();
 });
+shown.addEventListener('refined', pillChanged);
 shown.addEventListener('status', (event) => {
   const { kind } = /** @type {CustomEvent} */ (event).detail;
   if (kind === 'open' && datasets.length === 0) {
@@ -316,9 +323,14 @@ shown.addEventListener('state', (event) => {
 });
 const quietPill = quietly(drawPill);
 let pillKind = '';
+/** What the level of the picture hides. */
+let unresolved = '';
+/** Exact are only the pixels of the server, of all samples. */
+const kindOfPicture = (/** @type {boolean} */ isConnected) => !isConnected ? 'closed' : shown.deferred ? 'deferred' : shown.progress && !shown.isExact ? 'tiles'
+  : !shown.isExact ? moves() ? 'moving' : 'drawing' : shown.level > 0 ? 'coarse' : shown.isScaled ? 'scaled' : 'exact';
 /** The kind of picture shows at once, figures now and then. */
 function pillChanged() {
-  const kind = !shown.loop.connection.isOpen ? 'closed' : !shown.isExact ? moves() ? 'moving' : 'drawing' : shown.isScaled ? 'scaled' : 'exact';
+  const kind = kindOfPicture(shown.loop.connection.isOpen);
   if (kind !== pillKind) {
     pillKind = kind;
     drawPill();
@@ -328,13 +340,21 @@ function pillChanged() {
 }
 function drawPill() {
   const stats = shown.stats();
-  // Exact are only the pixels of the server.
-  const kind = !stats.isConnected ? 'closed' : !stats.isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact';
-  page.state.className = `pill ${kind}`;
+  const kind = kindOfPicture(stats.isConnected);
+  page.state.className = `pill ${kind === 'drawing' ? 'moving' : kind}`;
   const latency = stats.shownLatencyMs === null ? '' : ` · ${format(stats.shownLatencyMs, 2)} ms`;
   const rate = stats.framesPerSecond > 1 ? ` · ${stats.framesPerSecond} frames/s` : '';
   const text = kind === 'closed' ? 'not connected' : kind === 'exact' ? `exact · ${stats.width} × ${stats.height}`
-    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}` : `drawing${latency || ' …'}`;
+    : kind === 'coarse' ? `${shown.pictureText} · ${stats.width} × ${stats.height}`
+    : kind === 'deferred' || kind === 'tiles' ? shown.pictureText || 'not exact'
+    : kind === 'scaled' ? `scaled from ${stats.width} × ${stats.height}` : moves() ? `moving${rate}${latency}`
+    : shown.pictureText ? `${shown.pictureText} …` : `drawing${shown.isCurrent && latency || ' …'}`;
+  const told = shown.isCurrent && !moves() ? unresolved : '';
+  if (told !== page.state.title) {
+    page.state.title = told;
+    page.state.toggleAttribute('title', told !== '');
+  }
+  drawOffer();
   const label = page.state.querySelector('span');
   if (label && label.textContent !== text) {
     label.textContent = text;
@@ -345,6 +365,7 @@ drawControlsBy(drawAll);
 listenToHistogram();
 listenToLabels();
 listenToLook();
+listenToLevels();
 listenToClip();
 listenToCapWindow();
 listenToPoints(series);

@@ -6,6 +6,7 @@
 
 import { colorFromText } from './css-colors.js';
 import { MAX_SURFACES, areSmooth, inOrder, indexOfLabel, isOfLabels, listedLabels, textOfValues, valuesOfText, withSmooth } from './label-sets.js';
+import { textOfLimits, limitsOfText } from './levels.js';
 import { COLOR_MAPS, EFFECTS, FIRST_LOOK } from './parameters.js';
 
 /** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
@@ -29,6 +30,9 @@ export const defaultNanColor = (json) => ['grey', 'cividis'].includes(colorMapFr
 export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) => QUANTITIES[name] === json) ?? 'none';
 /** @param {string} name */
 export const quantityToJson = (name) => QUANTITIES[name];
+
+/** The highest level that any dataset may have. */
+const MAX_LEVEL = 23;
 
 /** The window of the samples on cuts that clients ask for: percentiles of the samples inside. */
 export const CAP_WINDOW = { percentiles: { low: 2, high: 98 } };
@@ -180,6 +184,8 @@ const FLAG_VALUES = {
   ...Object.fromEntries(EFFECTS.map((effect) => [effect.flag, (/** @type {FrameRequest} */ state) =>
     state[effect.json] ? [effectToWords(effect, state[effect.json])] : []])),
   'max-layers': ({ maxLayers }) => maxLayers ? [String(maxLayers)] : [],
+  level: ({ level }) => level?.level == null ? [] : [String(level.level)],
+  'max-spacing': ({ level }) => level?.maxSpacingPx ? [String(level.maxSpacingPx)] : [],
   background: ({ backgroundColor: color }) => color ? [`${rgb(color)}${color.alpha === 1 ? '' : `,${color.alpha ?? 0}`}`] : [],
 };
 export const FLAGS = Object.keys(FLAG_VALUES);
@@ -200,10 +206,18 @@ const toHash = (words) => words.map(([name, value]) =>
 export const stateToHash = (state) => toHash(stateToWords(state));
 
 /**
- * A shorter one for links: labels with the colours of the dataset are one word, `labels=1-45`, which only pages read.
- * @param {FrameRequest} state @param {any} dataset
+ * A shorter one for links: labels with the colours of the dataset are one word, `labels=1-45`, which only pages
+ * read, as they do `exact-limit=60,none`: where the exact picture may cost more or less than pages let it by themselves.
+ * @param {FrameRequest} state @param {any} dataset @param {import('./levels.js').Limits} [limits]
  */
-export function stateToLink(state, dataset) {
+export function stateToLink(state, dataset, limits) {
+  const limit = textOfLimits(limits);
+  const link = surfacesToLink(state, dataset);
+  return limit ? `${link}${link && '&'}exact-limit=${limit}` : link;
+}
+
+/** @param {FrameRequest} state @param {any} dataset */
+function surfacesToLink(state, dataset) {
   const surfaces = state.surfaces ?? [];
   const { listed, rest } = listedLabels(surfaces.filter(isOfLabels), dataset);
   const words = stateToWords(state).filter(([name]) => name !== 'label');
@@ -273,13 +287,13 @@ export const MESH_FORMATS = [['glb', 'GLB: viewers, slides'], ['stl', 'STL: prin
   ['obj', 'OBJ: any program'], ['vtp', 'VTP: ParaView']];
 
 /**
- * What of a state a mesh shows. Meshes are opaque, and STL has no colours.
+ * What of a state a mesh shows. Meshes are opaque, and STL has no colours. A level is named by its number.
  * @param {FrameRequest} state @param {string} format @returns {FrameRequest}
  */
-export function stateOfMesh({ selection, surfaces = [], clip }, format) {
+export function stateOfMesh({ selection, surfaces = [], clip, level }, format) {
   const shown = surfaces.map((/** @type {any} */ { isovalue, labels, smoothLabels, color }) => ({ isovalue, labels, smoothLabels,
     color: color && format !== 'stl' ? { ...color, alpha: 1 } : undefined }));
-  return { selection, surfaces: shown, clip };
+  return { selection, surfaces: shown, clip, level: level?.level > 0 ? { level: level.level } : undefined };
 }
 
 /** @param {FrameRequest} state @param {string} format */
@@ -313,6 +327,11 @@ class Link {
   listed = new Set();
   /** Whether surfaces have the material of the first look. */
   isSoft = false;
+  /**
+   * What the exact picture may cost, if the link says so.
+   * @type {import('./levels.js').Limits | null}
+   */
+  limits = null;
   /** How many surfaces are beyond those that a picture may have. */
   leftOutCount = 0;
 
@@ -330,6 +349,15 @@ class Link {
   /** @param {Record<string, any>} part of the field and time that are shown */
   select(part) {
     this.state.selection = { ...this.state.selection, ...part };
+  }
+
+  /** @param {string} name @param {string} text @param {{level: number} | {maxSpacingPx: number}} choice */
+  chooseLevel(name, text, choice) {
+    if (this.state.level) {
+      this.refuse(name, text, 'the link has another word that chooses the level.');
+    } else {
+      this.state.level = choice;
+    }
   }
 
   /** @param {string} name @param {string} text @param {string} why */
@@ -554,6 +582,28 @@ const WORDS = {
     const layers = link.numbers('max-layers', value, 1);
     link.state.maxLayers = layers ? Math.round(layers[0]) : undefined;
   },
+  level: (link, value) => {
+    const level = value.trim() === '' ? NaN : Number(value);
+    if (Number.isInteger(level) && level >= 0 && level <= MAX_LEVEL) {
+      link.chooseLevel('level', value, { level });
+    } else {
+      link.refuse('level', value, `it is the number of a level, from 0, which is exact, to ${MAX_LEVEL}.`);
+    }
+  },
+  'max-spacing': (link, value) => {
+    const spacing = link.numbers('max-spacing', value, 1);
+    if (spacing && spacing[0] > 0) {
+      link.chooseLevel('max-spacing', value, { maxSpacingPx: spacing[0] });
+    } else if (spacing) {
+      link.refuse('max-spacing', value, 'it needs a number of pixels above 0.');
+    }
+  },
+  'exact-limit': (link, value) => {
+    link.limits = limitsOfText(value);
+    if (!link.limits) {
+      link.refuse('exact-limit', value, 'it needs seconds and gigabytes above 0, each a number or none, with a comma between them.');
+    }
+  },
   'nan-color': (link, value) => {
     const color = link.color('nan-color', value);
     link.state.nanColor = color ? { ...color, alpha: 1 } : undefined;
@@ -567,7 +617,7 @@ const ALONE = ['caps', 'smooth-labels', ...EFFECTS.map(({ flag }) => flag)];
 /**
  * Returns the state of the part of an address after '#', and a sentence for each part that is wrong
  * and left out. A word with the value null, or without a required value, counts as absent.
- * @param {string} hash @returns {{state: FrameRequest, problems: string[]}}
+ * @param {string} hash @returns {{state: FrameRequest, problems: string[], limits?: import('./levels.js').Limits}} with limits only where the link has some
  */
 export function stateFromHash(hash) {
   const link = new Link();
@@ -622,5 +672,5 @@ export function stateFromHash(hash) {
       delete state[key];
     }
   }
-  return { state, problems: problems };
+  return { state, problems, ...(link.limits ? { limits: link.limits } : {}) };
 }

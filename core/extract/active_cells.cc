@@ -32,10 +32,10 @@ std::vector<std::uint8_t> SidesOf(const volume::BlockSamples& samples, std::size
   return sides;
 }
 
-// Adds the active cells that count to `box`. Cells that are in it already are not asked for.
-void AddActiveCells(const std::vector<std::uint8_t>& sides, const math::IndexBox& stored,
-                    const math::IndexBox& cells,
-                    absl::FunctionRef<bool(const math::Index3& cell)> counts, math::IndexBox* box) {
+// Calls visit(cell) for each active cell among `cells`.
+void VisitActiveCells(const std::vector<std::uint8_t>& sides, const math::IndexBox& stored,
+                      const math::IndexBox& cells,
+                      absl::FunctionRef<void(const math::Index3& cell)> visit) {
   const math::Index3 dims = stored.dims();
   for (std::int64_t z = cells.begin.z; z < cells.end.z; ++z) {
     for (std::int64_t y = cells.begin.y; y < cells.end.y; ++y) {
@@ -50,9 +50,8 @@ void AddActiveCells(const std::vector<std::uint8_t>& sides, const math::IndexBox
       int lower = sides_at(0);
       for (std::int64_t x = cells.begin.x; x < cells.end.x; ++x) {
         const int upper = sides_at(x - cells.begin.x + 1);
-        const math::Index3 cell{x, y, z};
-        if ((lower | upper) == (kInsideBit | kOutsideBit) && !box->Contains(cell) && counts(cell)) {
-          box->Add({cell, cell + math::Index3{1, 1, 1}});
+        if ((lower | upper) == (kInsideBit | kOutsideBit)) {
+          visit({x, y, z});
         }
         lower = upper;
       }
@@ -66,14 +65,24 @@ math::IndexBox BoxOfActiveCells(const volume::BlockLayout& layout,
                                 const volume::BlockSamples& samples,
                                 std::span<const volume::InsideRule> rules,
                                 absl::FunctionRef<bool(const math::Index3& cell)> counts) {
-  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
-  const auto count = static_cast<std::size_t>(math::Volume(stored.dims()));
   math::IndexBox box;
   for (const volume::InsideRule& rule : rules) {
-    AddActiveCells(SidesOf(samples, count, rule), stored, layout.CellsOf(samples.block_id), counts,
-                   &box);
+    ForEachActiveCell(layout, samples, rule, [&](const math::Index3& cell) {
+      // Cells that are in it already are not asked for.
+      if (!box.Contains(cell) && counts(cell)) {
+        box.Add({cell, cell + math::Index3{1, 1, 1}});
+      }
+    });
   }
   return box;
+}
+
+void ForEachActiveCell(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
+                       const volume::InsideRule& rule,
+                       absl::FunctionRef<void(const math::Index3& cell)> visit) {
+  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
+  const auto count = static_cast<std::size_t>(math::Volume(stored.dims()));
+  VisitActiveCells(SidesOf(samples, count, rule), stored, layout.CellsOf(samples.block_id), visit);
 }
 
 }  // namespace isoscope::extract

@@ -27,6 +27,11 @@ math::IndexBox BoxOfActiveCells(const volume::BlockLayout& layout,
                                 std::span<const volume::InsideRule> rules,
                                 absl::FunctionRef<bool(const math::Index3& cell)> counts);
 
+// Calls visit(cell) for each active cell of a block, by its lowest sample, x fastest. O(samples).
+void ForEachActiveCell(const volume::BlockLayout& layout, const volume::BlockSamples& samples,
+                       const volume::InsideRule& rule,
+                       absl::FunctionRef<void(const math::Index3& cell)> visit);
+
 }  // namespace isoscope::extract
 
 #endif  // ISOSCOPE_CORE_EXTRACT_ACTIVE_CELLS_H_

@@ -1,6 +1,8 @@
 #include "core/frame/frame_spec.h"
 
 #include <algorithm>
+#include <limits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -10,7 +12,48 @@ namespace {
 
 constexpr std::size_t kTextRules = 16;
 
+// Finite: field units beyond all stored values stay beyond them.
+double Scaled(double value, double scale) {
+  constexpr double kLargest = std::numeric_limits<double>::max();
+  return std::clamp(value * scale, -kLargest, kLargest);
+}
+
+void Scale(double scale, std::optional<ColorRange>* range) {
+  if (!range->has_value()) {
+    return;
+  }
+  double& min = (*range)->min;
+  double& max = (*range)->max;
+  min = Scaled(min, scale);
+  max = Scaled(max, scale);
+  if (!(min < max)) {  // both were beyond all doubles, and all samples are on one side of them
+    (min > 0 ? min : max) /= 2;
+  }
+}
+
 }  // namespace
+
+volume::InsideRule InStoredValues(volume::InsideRule rule, double value_scale) {
+  rule.isovalue = Scaled(rule.isovalue, value_scale);
+  return rule;
+}
+
+FrameSpec InStoredValues(FrameSpec spec, double value_scale,
+                         const std::vector<double>& color_scales) {
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    Surface& surface = spec.surfaces[i];
+    surface.rule = InStoredValues(std::move(surface.rule), value_scale);
+    if (surface.shows_gradient()) {
+      Scale(value_scale, &surface.color_by->range);
+    } else if (surface.shows_field() && i < color_scales.size()) {
+      Scale(color_scales[i], &surface.color_by->range);
+    }
+  }
+  if (spec.caps.has_value()) {
+    Scale(value_scale, &spec.caps->range);
+  }
+  return spec;
+}
 
 FrameSpec WithoutLook(FrameSpec spec, bool sends_normals) {
   spec.effects = {};

@@ -81,6 +81,9 @@ struct FrameSpec {
   // Whether pixels of surfaces that show values of vertices carry a step of the colour map
   // beside the normal (image/normal_and_step.h). Only with sends_normals.
   bool sends_map_steps = false;
+  // Level whose samples are drawn; the coordinator chooses it. Camera, clip planes and values are
+  // those of level 0 at every level.
+  int level = 0;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
@@ -93,6 +96,16 @@ inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
 // Returns a frame of the same depths, owners and normals, for planes and picks. It has no effects.
 // Its caps show surfaces: caps that show samples have a colour, but no normal.
 FrameSpec WithoutLook(FrameSpec spec, bool sends_normals);
+
+// Returns a frame whose isovalues and ranges of samples are those of stored values: field units times
+// a power of two (volume::VolumeLevel::value_scale). Labels stay: their levels are not scaled.
+//
+// value_scale:  of the drawn volume, at least 1
+// color_scales: by surface, of the volume that its colour shows; empty: all are 1
+FrameSpec InStoredValues(FrameSpec spec, double value_scale,
+                         const std::vector<double>& color_scales);
+// Returns the isovalue, or the rule of labels as it is. The largest isovalues stay finite.
+volume::InsideRule InStoredValues(volume::InsideRule rule, double value_scale);
 
 // Returns true if a surface is translucent: then the frame has layers (image::LayerStack).
 bool HasLayers(const FrameSpec& spec);

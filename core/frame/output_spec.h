@@ -18,8 +18,17 @@ struct OutputSpec {
   bool surface_index = false;
   bool position = false;
   bool normal = false;
+  bool depth_bounds = false;
 
-  [[nodiscard]] bool any_plane() const { return depth || surface_index || position || normal; }
+  // Whether planes are wanted that come from drawn pixels: all but depth_bounds.
+  [[nodiscard]] bool any_drawn_plane() const {
+    return depth || surface_index || position || normal;
+  }
+  [[nodiscard]] bool any_plane() const { return any_drawn_plane() || depth_bounds; }
+  // Whether the frame is drawn at all.
+  [[nodiscard]] bool is_drawn() const {
+    return image_format != ImageFormat::kNone || any_drawn_plane();
+  }
 
   friend bool operator==(const OutputSpec&, const OutputSpec&) = default;
 };
@@ -29,13 +38,18 @@ inline constexpr std::size_t kDepthBytes = 4;
 inline constexpr std::size_t kSurfaceIndexBytes = 1;
 inline constexpr std::size_t kPositionBytes = 12;
 inline constexpr std::size_t kNormalBytes = 12;
+inline constexpr std::size_t kDepthBoundsBytes = 8;
+// The most pixels of bounds that all agents together are asked for at a time, and that one is: they
+// take 4 MiB.
+inline constexpr std::size_t kMaxBoundsPixels = std::size_t{1} << 19;
 inline constexpr std::size_t kRgba8Bytes = 4;
 
 // Returns the bytes of a pixel in all that is sent without compression.
 constexpr std::size_t RawBytesPerPixel(const OutputSpec& output) {
   return (output.image_format == ImageFormat::kRgba8 ? kRgba8Bytes : 0) +
          (output.depth ? kDepthBytes : 0) + (output.surface_index ? kSurfaceIndexBytes : 0) +
-         (output.position ? kPositionBytes : 0) + (output.normal ? kNormalBytes : 0);
+         (output.position ? kPositionBytes : 0) + (output.normal ? kNormalBytes : 0) +
+         (output.depth_bounds ? kDepthBoundsBytes : 0);
 }
 
 }  // namespace isoscope::frame

@@ -6,6 +6,7 @@
 //   each shard of each volume: ShardReader::Open verifies manifest.json, ranges.bin, shard.json,
 //   block_index.bin and the head of interval_tree.bin; then all blocks, the histogram, and all
 //   pages of the tree
+//   each level of each of these shards: the same, and that the manifest of level 0 names it
 //
 // A disk run with a damaged block is read again block by block, so that each damaged one is told.
 // A directory without a readable manifest does not hide its shards: they are found by their names.
@@ -34,6 +35,7 @@
 #include "core/store/sealed_json.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
+#include "core/store/shard_levels.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::partition {
@@ -57,12 +59,13 @@ std::vector<std::string> FindShards(const std::string& directory) {
   return shards;
 }
 
-// The seal of a manifest that was decoded.
+// The CRC-32C by which others name a manifest that was decoded; the seal, of a series.
 absl::StatusOr<std::uint32_t> SealOf(const std::string& directory) {
   const std::string path = absl::StrCat(directory, "/", store::kManifestFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
                             io::ReadWholeFile(path, store::kMaxSeriesManifestBytes));
-  return store::VerifySeal(bytes, path);
+  return store::IsSeriesDirectory(directory) ? store::VerifySeal(bytes, path)
+                                             : store::ManifestCrc32c(bytes, path);
 }
 
 class Verifier {
@@ -125,7 +128,17 @@ class Verifier {
         continue;
       }
       ++report_.shard_count;
-      ISOSCOPE_RETURN_IF_ERROR(VerifyShard(shard, seal).status());
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<store::ShardReader> reader,
+                                VerifyShard(shard, seal));
+      if (reader != nullptr &&
+          (reader->manifest().levels != dataset->manifest.levels ||
+           reader->manifest().level_filter != dataset->manifest.level_filter)) {
+        Damage(absl::StrFormat(
+            "%s/%s: names %d levels, the dataset's manifest %d or others: run `isoscope partition "
+            "--add-levels` or --drop-levels again, or copy the newer manifest",
+            shard, store::kManifestFileName, reader->manifest().highest_level(),
+            dataset->manifest.highest_level()));
+      }
     }
     return absl::OkStatus();
   }
@@ -205,6 +218,13 @@ class Verifier {
                             path, reader->shard_index(), reader->manifest().dataset_id, shard_index,
                             series.shard_count));
       }
+      if (reader != nullptr && reader->manifest().highest_level() != volume.highest_level) {
+        Damage(absl::StrFormat(
+            "%s/%s: names %d levels, the manifest of the series %d: run `isoscope partition "
+            "--add-levels` or --drop-levels again, or copy the newer manifest",
+            path, store::kManifestFileName, reader->manifest().highest_level(),
+            volume.highest_level));
+      }
     }
     return absl::OkStatus();
   }
@@ -239,14 +259,32 @@ class Verifier {
             "%s/%s: crc32c 0x%08x, the dataset's manifest expects 0x%08x: it is of another dataset",
             directory, store::kManifestFileName, opened->manifest_crc32c(), *manifest_crc32c));
       }
-      report_.block_count += opened->block_count();
-      ISOSCOPE_RETURN_IF_ERROR(VerifyBlocks(*opened));
-      IsDamaged(opened->ReadHistogram().status());
-      ISOSCOPE_RETURN_IF_ERROR(
-          VerifyTree(absl::StrCat(directory, "/", store::kIntervalTreeFileName), *opened));
+      ISOSCOPE_RETURN_IF_ERROR(VerifyFiles(*opened));
+      ISOSCOPE_RETURN_IF_ERROR(VerifyLevels(*opened));
     }
     Advance(end - done_bytes_);
     return opened;
+  }
+
+  // What opening has not verified.
+  absl::Status VerifyFiles(const store::ShardReader& reader) {
+    report_.block_count += reader.block_count();
+    ISOSCOPE_RETURN_IF_ERROR(VerifyBlocks(reader));
+    IsDamaged(reader.ReadHistogram().status());
+    IsDamaged(reader.VerifySpans());
+    return VerifyTree(absl::StrCat(reader.directory(), "/", store::kIntervalTreeFileName), reader);
+  }
+
+  // The levels of a shard whose level 0 is open.
+  absl::Status VerifyLevels(const store::ShardReader& shard) {
+    for (int level = 1; level <= shard.manifest().highest_level(); ++level) {
+      const absl::StatusOr<std::unique_ptr<store::ShardReader>> reader =
+          store::OpenLevelOf(shard, level);
+      if (!IsDamaged(reader.status())) {
+        ISOSCOPE_RETURN_IF_ERROR(VerifyFiles(**reader));
+      }
+    }
+    return absl::OkStatus();
   }
 
   absl::Status VerifyBlocks(const store::ShardReader& reader) {

@@ -25,14 +25,15 @@ struct VerifyReport {
   std::int64_t shard_count = 0;          // that were there
   std::int64_t missing_shard_count = 0;  // of the dataset; they may lie on other machines
   std::int64_t volume_count = 0;         // scalar volumes; 1 for a dataset of version 1
-  std::int64_t block_count = 0;          // of all volumes and shards
+  std::int64_t block_count = 0;          // of all volumes, levels and shards
   std::int64_t file_bytes = 0;
   std::int64_t damage_count = 0;
 };
 
-// Verifies a dataset or one shard, of either format version: seals and contradictions of all
+// Verifies a dataset or one shard, of any format version: seals and contradictions of all
 // manifests, range tables, block indices, each block, each page of the interval trees, histograms,
-// and that what belongs together does. Whatever is damaged, the rest is verified too.
+// and that what belongs together does; the same of all levels. Whatever is damaged, the rest is
+// verified too.
 //
 // Memory: one disk run and 28 bytes a block of one shard of one volume.
 //

@@ -1,292 +1,110 @@
-// Blocks are read in the order of the volume, and files are written in the order of each shard.
-// Records that know both are sorted on disk, so no table of all blocks is in memory.
+// A dataset is written into a folder that gets its name at the end:
 //
-//    1  ShardMap: the shard of each block
-//                |
-//    2  all blocks in the order of shards (PlaceAll): next ordinal and offset of the shard
-//                |
-//                |  Placement {position, shard, ordinal, offset}
-//                v
-//       PlacementQueue, sorted by position: the order in which blocks are cut
-//                |
-//    3  portion -> Fill -> BatchCutter -> ShardSet -> blocks.bin of each shard, at the offset
-//                |
-//                |  Entry {shard, ordinal, id, span, CRC-32C}
-//                v
-//       ShardSet, sorted by (shard, ordinal)
-//                |
-//    4  Finish, shard by shard: block_index.bin, interval_tree.bin, histogram.bin; compression
-//                |
-//    5  ranges.bin, which grows along with 3; shard.json and manifest.json of each shard;
-//       the dataset's manifest.json; at last the folder gets its name (OutputFolder)
+//   1  VolumeWriter writes the shards of level 0, and spools the samples of level 1 along with them
+//   2  WriteLevels writes level 1 from its spool, and so on (level_writer.h)
+//   3  manifests, which name the levels: those of the shards first, that of the dataset last
 //
-// Example: blocks A, B, C of 100 stored bytes, in the order of shards, go to the shards 0, 1, 0.
-// Their placements have the ordinals 0, 0, 1 and the offsets 0, 0, 100. If C is cut before B, its
-// position is the lower one, and C is written first.
-//
-// The next portion is read, a batch is cut and the batch before it is written at the same time.
-//
-// Invariants: the placement taken next has the position that counts the blocks cut so far; the
-// entries of a shard have the ordinals 0, 1, 2, ...; the bytes depend on source and options alone.
-//
-// Files: docs/format/dataset.md, docs/format/shard.md. Distributions: distribution.h.
+// A step frees what it holds before the next one begins, and levels are smaller than the volume, so
+// they take no more memory than it does.
 
 #include "core/partition/partitioner.h"
 
-#include <algorithm>
-#include <array>
-#include <cstddef>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
-#include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
-#include "oneapi/tbb/enumerable_thread_specific.h"
-#include "oneapi/tbb/parallel_for.h"
-#include "oneapi/tbb/task_group.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
-#include "core/partition/block_batch.h"
-#include "core/partition/distribution.h"
+#include "core/partition/level_writer.h"
 #include "core/partition/output_folder.h"
 #include "core/partition/partition_plan.h"
 #include "core/partition/portion_reader.h"
-#include "core/partition/samples_digest.h"
-#include "core/partition/shard_set.h"
-#include "core/store/block_order.h"
+#include "core/partition/volume_writer.h"
+#include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 
 namespace isoscope::partition {
 namespace {
 
-absl::Status CopyFile(const std::string& from, const std::string& to) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto in, io::OpenRandomAccessFile(from));
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto out, io::CreateWritableFile(to));
-  std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
-  for (std::int64_t offset = 0; offset < in->size_bytes();) {
-    const auto size = static_cast<std::size_t>(
-        std::min(in->size_bytes() - offset, static_cast<std::int64_t>(buffer.size())));
-    ISOSCOPE_RETURN_IF_ERROR(in->ReadAt(offset, size, buffer.data()));
-    ISOSCOPE_RETURN_IF_ERROR(out->Append({buffer.data(), size}));
-    offset += static_cast<std::int64_t>(size);
-  }
-  return out->Close();
-}
-
-// Sets the spans of a portion's blocks.
-void FindSpans(const volume::BlockLayout& layout, volume::ScalarType type, const Slab& slab,
-               const Portion& portion, volume::RangeTable* ranges) {
-  const math::Index3& dims = layout.block_dims();
-  const std::int64_t rows = portion.end_row - portion.begin_row;
-  tbb::parallel_for(
-      std::int64_t{0}, (portion.end_layer - portion.begin_layer) * rows, [&](std::int64_t row) {
-        math::Index3 index{0, portion.begin_row + row % rows, portion.begin_layer + row / rows};
-        for (; index.x < dims.x; ++index.x) {
-          const volume::BlockId id = layout.IdOf(index);
-          ranges->Set(id, SpanOfBlock(layout, type, slab, id));
-        }
-      });
-}
-
-// Adds the rows of samples that belong to this portion and to no other: those of its blocks'
-// cells, and the last ones of the volume.
-void AddToDigest(const volume::BlockLayout& layout, volume::ScalarType type, const Slab& slab,
-                 const Portion& portion, SamplesDigest* sum) {
-  const math::Index3& dims = layout.sample_dims();
-  const math::Index3& cells = layout.block_cells();
-  const auto end_of = [](std::int64_t blocks, std::int64_t all_blocks, std::int64_t edge,
-                         std::int64_t samples) {
-    return blocks == all_blocks ? samples : blocks * edge;
-  };
-  const std::int64_t begin_y = portion.begin_row * cells.y;
-  const std::int64_t end_y = end_of(portion.end_row, layout.block_dims().y, cells.y, dims.y);
-  const std::int64_t end_z = end_of(portion.end_layer, layout.block_dims().z, cells.z, dims.z);
-  const std::int64_t slab_rows = slab.rows == 0 ? dims.y : slab.rows;
-  const auto row_bytes = static_cast<std::size_t>(dims.x) * volume::SizeOf(type);
-  tbb::enumerable_thread_specific<SamplesDigest> digests;
-  tbb::parallel_for(portion.begin_layer * cells.z, end_z, [&](std::int64_t z) {
-    SamplesDigest& digest = digests.local();
-    for (std::int64_t y = begin_y; y < end_y; ++y) {
-      const std::int64_t row = (z - slab.begin_z) * slab_rows + y - slab.begin_y;
-      digest.AddRow(y, z, {slab.samples + static_cast<std::size_t>(row) * row_bytes, row_bytes});
-    }
-  });
-  for (const SamplesDigest& digest : digests) {
-    sum->Add(digest);
-  }
-}
-
 // One call of Partition.
 class Partitioner {
  public:
   Partitioner(source::VolumeSource* source, const PartitionOptions& options,
-              volume::BlockLayout layout, const PartitionPlan& plan,
-              const base::Cancellation& cancellation)
-      : source_(*source),
-        options_(options),
-        cancellation_(cancellation),
-        layout_(layout),
-        type_(source->info().type),
-        plan_(plan),
-        pass_bytes_(math::Volume(layout.sample_dims()) *
-                    static_cast<std::int64_t>(volume::SizeOf(type_))) {
-    progress_.total_bytes =
-        pass_bytes_ * (options.distribution == store::Distribution::kGreedy ? 2 : 1);
+              const LevelPlan& levels, const base::Cancellation& cancellation)
+      : source_(*source), options_(options), levels_(levels), cancellation_(cancellation) {
+    const source::SourceInfo& info = source->info();
+    const int passes = VolumeWriter::PassCount(options);
+    own_bytes_ = passes * VolumeWriter::PassBytes(info);
+    total_bytes_ = own_bytes_ + passes * BytesOfLevels(levels, info.geometry, info.type);
   }
 
   // Writes the whole dataset into `directory`, which exists.
-  absl::StatusOr<store::Manifest> Run(const std::string& directory, const std::string& name) {
-    PortionReader reader(&source_, layout_, plan_, directory, &cancellation_);
-    ISOSCOPE_ASSIGN_OR_RETURN(const ShardMap map, DealOut(&reader));
-    progress_.phase = "writing blocks";
-    placements_.emplace(directory, layout_, type_, plan_);
-    ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map));
-    shards_.emplace(directory, layout_, type_, plan_);
-    ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count));
-    ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
-                              store::RangeTableWriter::Create(
-                                  absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
-    cutter_.emplace(layout_, type_, source_.info().geometry, options_.shard_count);
-    ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, [&](const Slab& slab, const Portion& portion) {
-      AddToDigest(layout_, type_, slab, portion, &samples_digest_);
-      return WriteBlocks(slab, portion);
-    }));
-    batches_ = {};
-    placements_.reset();
-    progress_.phase = "building index";
-    Report();
-    return Finish(directory, name);
-  }
-
- private:
-  absl::Status Pass(PortionReader* reader,
-                    absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit) {
-    const std::int64_t done_before = progress_.done_bytes;
-    ISOSCOPE_RETURN_IF_ERROR(reader->ForEachPortion(visit, [&](double share) {
-      progress_.done_bytes =
-          done_before + static_cast<std::int64_t>(static_cast<double>(pass_bytes_) * share);
-      Report();
-    }));
-    progress_.done_bytes = done_before + pass_bytes_;
-    Report();
-    return absl::OkStatus();
-  }
-
-  void Report() const {
-    if (options_.progress) {
-      options_.progress(progress_);
-    }
-  }
-
-  // Step 1 assigns blocks to shards. The greedy distribution takes a pass of its own.
-  absl::StatusOr<ShardMap> DealOut(PortionReader* reader) {
-    if (options_.distribution != store::Distribution::kGreedy) {
-      return ShardMap::Random(layout_.block_count(), options_.shard_count, options_.seed);
-    }
-    progress_.phase = "reading ranges";
-    volume::RangeTable ranges(type_, layout_.block_count());
-    ISOSCOPE_RETURN_IF_ERROR(Pass(reader, [&](const Slab& slab, const Portion& portion) {
-      FindSpans(layout_, type_, slab, portion, &ranges);
-      return absl::OkStatus();
-    }));
-    return ShardMap::Greedy(ranges, options_.shard_count);
-  }
-
-  // Step 3 cuts and writes the blocks of a portion in batches: one batch is cut, in parallel, while
-  // the one before is written.
-  absl::Status WriteBlocks(const Slab& slab, const Portion& portion) {
-    store::BlocksInOrder blocks(BlocksOfPortion(layout_, portion));
-    // The ids of a portion's blocks are consecutive.
-    const volume::BlockId first_id = layout_.IdOf({0, portion.begin_row, portion.begin_layer});
-    volume::RangeTable ranges(type_, (portion.end_layer - portion.begin_layer) *
-                                         (portion.end_row - portion.begin_row) *
-                                         layout_.block_dims().x);
-    absl::Status written;
-    tbb::task_group writing;
-    for (std::size_t turn = 0; !blocks.is_at_end(); turn = 1 - turn) {
-      BlockBatch& batch = batches_[turn];
-      absl::Status status = cancellation_.Check();
-      if (status.ok()) {
-        status = placements_->Fill(&blocks, &batch);
-      }
-      if (status.ok()) {
-        cutter_->Cut(slab, &batch);
-        for (std::size_t i = 0; i < batch.ids.size(); ++i) {
-          ranges.Set(batch.ids[i] - first_id, batch.spans[i]);
-        }
-      }
-      writing.wait();  // also before an error is returned
-      ISOSCOPE_RETURN_IF_ERROR(status);
-      ISOSCOPE_RETURN_IF_ERROR(written);
-      writing.run([this, &written, &batch] { written = shards_->Write(&batch); });
-    }
-    writing.wait();
-    ISOSCOPE_RETURN_IF_ERROR(written);
-    const volume::ScalarSpan total = ranges.Total();
-    value_range_.min = std::min(value_range_.min, total.min);
-    value_range_.max = std::max(value_range_.max, total.max);
-    return range_writer_->Append(ranges);
-  }
-
-  // Steps 4 and 5 finish all shards, then write range tables and manifests.
-  absl::StatusOr<store::Manifest> Finish(const std::string& directory, const std::string& name) {
-    store::Manifest manifest;
+  absl::StatusOr<store::Manifest> Run(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                                      const std::string& directory, const std::string& name) {
     ISOSCOPE_ASSIGN_OR_RETURN(
-        manifest.shards,
-        shards_->Finish(cutter_->histograms(), options_.compression, cancellation_));
-    ISOSCOPE_ASSIGN_OR_RETURN(manifest.range_table_crc32c, range_writer_->Finish());
-    const bool is_random = options_.distribution == store::Distribution::kRandom;
-    manifest.name = name;
-    manifest.source =
-        options_.source_name.empty() ? BaseName(source_.info().name) : options_.source_name;
-    manifest.geometry = source_.info().geometry;
-    manifest.patient_frame = source_.info().patient_frame;
-    manifest.labels = options_.labels;
-    manifest.scalar_type = type_;
-    manifest.value_range = value_range_;
-    if (value_range_.min <= value_range_.max && !volume::IsFinite(value_range_)) {
-      manifest.finite_range = cutter_->histograms().finite_range();
+        std::unique_ptr<LevelSpool> level1,
+        CreateSpoolOfLevel1(directory, source_.info().geometry, source_.info().type, levels_));
+    ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,
+                              WriteVolume(layout, plan, directory, name, level1.get()));
+    if (levels_.highest > 0) {
+      ISOSCOPE_RETURN_IF_ERROR(AddLevels(directory, std::move(level1), &manifest));
     }
-    manifest.max_gradient_magnitude = cutter_->max_gradient_magnitude();
-    manifest.block_cells = layout_.block_cells();
-    manifest.distribution = options_.distribution;
-    manifest.seed = is_random ? options_.seed : 0;
-    manifest.samples_digest = samples_digest_.Finish(manifest.geometry, type_);
-    manifest.dataset_id = store::ComputeDatasetId(manifest);
-    for (std::size_t shard = 0; shard < manifest.shards.size(); ++shard) {
-      const std::string& shard_directory = shards_->directories()[shard];
-      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      ISOSCOPE_RETURN_IF_ERROR(
-          CopyFile(absl::StrCat(directory, "/", store::kRangeTableFileName),
-                   absl::StrCat(shard_directory, "/", store::kRangeTableFileName)));
-      ISOSCOPE_RETURN_IF_ERROR(
-          store::WriteDescriptions(shard_directory, manifest, static_cast<int>(shard)));
-      ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(shard_directory));
-    }
+    ISOSCOPE_RETURN_IF_ERROR(DescribeShards(directory, manifest, cancellation_));
     ISOSCOPE_RETURN_IF_ERROR(store::WriteDescriptions(directory, manifest, -1));
     ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directory));
     return manifest;
   }
 
+ private:
+  absl::StatusOr<store::Manifest> WriteVolume(const volume::BlockLayout& layout,
+                                              const PartitionPlan& plan,
+                                              const std::string& directory, const std::string& name,
+                                              LevelSpool* level1) {
+    PartitionOptions options = options_;
+    options.progress = ProgressFrom(0);
+    VolumeWriter writer(&source_, options, layout, plan, cancellation_);
+    return writer.Write(directory, name, level1);
+  }
+
+  absl::Status AddLevels(const std::string& directory, std::unique_ptr<LevelSpool> level1,
+                         store::Manifest* manifest) {
+    std::vector<std::string> shards;
+    const auto shard_count = static_cast<int>(manifest->shards.size());
+    for (int shard = 0; shard < shard_count; ++shard) {
+      shards.push_back(absl::StrCat(directory, "/", store::ShardDirectoryName(shard, shard_count)));
+    }
+    PartitionOptions options = options_;
+    options.reserved_bytes += source_.info().memory_bytes;
+    options.progress = ProgressFrom(own_bytes_);
+    ISOSCOPE_ASSIGN_OR_RETURN(manifest->levels,
+                              WriteLevels(*manifest, shards, directory, levels_, std::move(level1),
+                                          options, cancellation_));
+    manifest->level_filter = levels_.filter;
+    return absl::OkStatus();
+  }
+
+  // Progress of a part of the work, as one of all of it.
+  [[nodiscard]] std::function<void(const PartitionProgress&)> ProgressFrom(
+      std::int64_t done_before) const {
+    if (!options_.progress) {
+      return nullptr;
+    }
+    return [this, done_before](PartitionProgress progress) {
+      progress.done_bytes += done_before;
+      progress.total_bytes = total_bytes_;
+      options_.progress(progress);
+    };
+  }
+
   source::VolumeSource& source_;
   const PartitionOptions& options_;
+  const LevelPlan levels_;
   const base::Cancellation& cancellation_;
-  const volume::BlockLayout layout_;
-  const volume::ScalarType type_;
-  const PartitionPlan plan_;
-  const std::int64_t pass_bytes_;
-
-  PartitionProgress progress_;
-  std::optional<PlacementQueue> placements_;
-  std::array<BlockBatch, 2> batches_;
-  std::optional<BatchCutter> cutter_;
-  std::optional<ShardSet> shards_;
-  std::unique_ptr<store::RangeTableWriter> range_writer_;
-  volume::ScalarSpan value_range_;  // of the portions so far
-  SamplesDigest samples_digest_;    // of the portions so far
+  std::int64_t own_bytes_ = 0;
+  std::int64_t total_bytes_ = 0;
 };
 
 }  // namespace
@@ -294,30 +112,39 @@ class Partitioner {
 absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,
                                           const base::Cancellation& cancellation) {
-  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(source.info().geometry));
+  const source::SourceInfo& info = source.info();
+  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(info.geometry));
   ISOSCOPE_RETURN_IF_ERROR(volume::ValidateLabels(options.labels));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const volume::BlockLayout layout,
-      volume::BlockLayout::Make(source.info().geometry.sample_dims,
-                                options.block_cells.value_or(volume::DefaultBlockCells(
-                                    source.info().geometry.sample_dims))));
+  PartitionOptions cut = options;
+  cut.block_cells =
+      options.block_cells.value_or(volume::DefaultBlockCells(info.geometry.sample_dims));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
+                            volume::BlockLayout::Make(info.geometry.sample_dims, *cut.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
-  const std::int64_t source_bytes =
-      options.reserved_bytes + source.info().memory_bytes +
-      (source.info().is_seekable ? 0 : PortionReader::StagingBytes(source));
+  ISOSCOPE_ASSIGN_OR_RETURN(const LevelPlan levels,
+                            PlanLevels(options.levels, info.geometry, info.type, *cut.block_cells,
+                                       options.shard_count, !options.labels.empty()));
+  std::int64_t source_bytes = options.reserved_bytes + info.memory_bytes +
+                              (info.is_seekable ? 0 : PortionReader::StagingBytes(source));
+  if (levels.highest > 0) {
+    source_bytes +=
+        LevelSpool::MemoryBytes(volume::LevelOf(info.geometry, info.type, levels.filter, 1));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(
       const PartitionPlan plan,
-      PlanPartition(layout, source.info().type, options.shard_count, options.distribution,
-                    source_bytes, options.memory_limit_bytes));
+      PlanPartition(layout, info.type, options.shard_count, options.distribution, source_bytes,
+                    options.memory_limit_bytes));
+  PartitionOptions of_levels = cut;
+  of_levels.reserved_bytes += info.memory_bytes;
+  ISOSCOPE_RETURN_IF_ERROR(CheckLevelsFit(info.geometry, info.type, levels, of_levels));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<OutputFolder> output,
                             OutputFolder::Make(options.output_directory, options.name));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
 
   ISOSCOPE_RETURN_IF_ERROR(output->Create());
-  // Declared after `output`, so that its files are closed before the folder is removed.
-  Partitioner partitioner(&source, options, layout, plan, cancellation);
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,
-                            partitioner.Run(output->partial_path(), output->name()));
+                            Partitioner(&source, options, levels, cancellation)
+                                .Run(layout, plan, output->partial_path(), output->name()));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
   if (options.check_source) {
     ISOSCOPE_RETURN_IF_ERROR(options.check_source());

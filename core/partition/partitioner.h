@@ -14,6 +14,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/units.h"
 #include "core/math/vec.h"
+#include "core/partition/level_plan.h"
 #include "core/source/volume_source.h"
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
@@ -22,9 +23,10 @@
 namespace isoscope::partition {
 
 struct PartitionProgress {
-  const char* phase = "";  // "reading ranges", "writing blocks", "building index"
+  // "reading ranges", "writing blocks", "building index", "writing levels"
+  const char* phase = "";
   std::int64_t done_bytes = 0;
-  std::int64_t total_bytes = 0;  // of source samples, over all passes
+  std::int64_t total_bytes = 0;  // of samples, over all passes and levels
 };
 
 struct PartitionOptions {
@@ -38,6 +40,7 @@ struct PartitionOptions {
   store::BlockEncoding compression = store::BlockEncoding::kRaw;
   std::uint64_t seed = 1;
   std::vector<volume::Label> labels{};  // names and colours of values; volume::ValidateLabels
+  LevelOptions levels{};                // coarser volumes beside the samples
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
@@ -47,12 +50,12 @@ struct PartitionOptions {
 };
 
 // Partitions a volume and returns the manifest. Reads the volume once (random) or twice (greedy:
-// ranges first). The steps are at the head of partitioner.cc.
+// ranges first); levels are made along with it. The steps are at the head of partitioner.cc.
 //
 // Memory: this call, the source and reserved_bytes together stay under the limit, by taking the
 // volume in portions (partition_plan.h). With the random distribution no table grows with the
 // number of blocks; records of up to 90 bytes a block lie in scratch files without a name, in the
-// output. The greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes
+// output, as do the samples of two levels at a time. The greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes
 // afterwards.
 //
 // Crash-safe: everything is written to "<output>.partial-XXXXXX", flushed, and renamed at the end.

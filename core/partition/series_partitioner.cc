@@ -43,7 +43,6 @@
 namespace isoscope::partition {
 namespace {
 
-constexpr absl::string_view kAppendFolderName = "append.partial";
 // Memory of one scalar volume in the manifest and its JSON, while it is written.
 constexpr std::int64_t kManifestBytesPerVolume = 2 * base::kKiB;
 
@@ -106,6 +105,12 @@ absl::Status PrepareFolder(bool resumes, int shard_count, SeriesWorkFolder* fold
 
 PartitionOptions WithManifestMemory(PartitionOptions options, std::size_t volume_count) {
   options.reserved_bytes += static_cast<std::int64_t>(volume_count) * kManifestBytesPerVolume;
+  return options;
+}
+
+// Appended volumes get the levels of those before.
+PartitionOptions WithLevelsOf(const store::SeriesManifest& series, PartitionOptions options) {
+  options.levels = {.highest = series.highest_level()};
   return options;
 }
 
@@ -240,7 +245,9 @@ absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& sourc
   ISOSCOPE_RETURN_IF_ERROR(CheckGrids(source, tasks, series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(PrepareFolder(options.resumes, series.shard_count, folder.get()));
   ISOSCOPE_RETURN_IF_ERROR(WriteVolumes(
-      source, tasks, WithManifestMemory(options.volume, series.volumes.size() + tasks.size()),
+      source, tasks,
+      WithLevelsOf(before,
+                   WithManifestMemory(options.volume, series.volumes.size() + tasks.size())),
       folder.get(), &series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(folder->RemoveOtherVolumes(KeysOf(tasks)));
   ISOSCOPE_RETURN_IF_ERROR(store::WriteSeriesManifest(folder->path(), series, -1));

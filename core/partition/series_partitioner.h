@@ -18,7 +18,7 @@ namespace isoscope::partition {
 struct SeriesPartitionOptions {
   // As of a volume: the limit holds for all together, and progress is of all bytes. PartitionSeries
   // refuses the greedy distribution. AppendToSeries takes `output_directory`, which exists,
-  // compression and memory alone; the rest is as the series has it.
+  // compression and memory alone; the rest, levels too, is as the series has it.
   PartitionOptions volume;
   // Takes the scalar volumes that an interrupted run has finished, if neither the request for the
   // source, nor its files (source::StampsOf), nor the parameters have changed since

@@ -23,7 +23,6 @@
 #include "core/io/file.h"
 #include "core/partition/dataset_verifier.h"
 #include "core/store/manifest.h"
-#include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::partition {
@@ -41,7 +40,12 @@ std::string RecordOf(absl::string_view fingerprint, const store::ScalarVolume& v
   return absl::StrFormat("%s %08x", fingerprint, volume.manifest_crc32c);
 }
 
-// Removes the entries of a folder whose names are told.
+absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
+  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
+}
+
+}  // namespace
+
 absl::Status RemoveEntries(const std::string& path,
                            const std::function<bool(const std::string& name)>& is_told) {
   std::error_code error;
@@ -60,12 +64,6 @@ absl::Status RemoveEntries(const std::string& path,
   }
   return absl::OkStatus();
 }
-
-absl::Status RemoveOthers(const std::string& path, const std::set<std::string>& kept) {
-  return RemoveEntries(path, [&](const std::string& name) { return kept.count(name) == 0; });
-}
-
-}  // namespace
 
 absl::Status RemovePartialManifests(const std::string& directory, int shard_count) {
   const auto is_partial = [](const std::string& name) {
@@ -232,13 +230,15 @@ absl::StatusOr<store::ScalarVolume> SeriesWorkFolder::Describe(
   const std::string path = absl::StrCat(VolumePath(key, 0), "/", store::kManifestFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadManifest(key, 0));
   store::ScalarVolume volume;
-  ISOSCOPE_ASSIGN_OR_RETURN(volume.manifest_crc32c, store::VerifySeal(bytes, path));
+  ISOSCOPE_ASSIGN_OR_RETURN(volume.manifest_crc32c, store::ManifestCrc32c(bytes, path));
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest, store::DecodeManifest(bytes, path));
   volume.key = key;
   volume.dataset_id = std::move(manifest.dataset_id);
   volume.value_range = manifest.value_range;
   volume.finite_range = manifest.finite_range;
   volume.max_gradient_magnitude = manifest.max_gradient_magnitude;
+  volume.highest_level = manifest.highest_level();
+  volume.level_filter = manifest.level_filter;
   return volume;
 }
 

@@ -13,6 +13,7 @@
 #ifndef ISOSCOPE_CORE_PARTITION_SERIES_WORK_FOLDER_H_
 #define ISOSCOPE_CORE_PARTITION_SERIES_WORK_FOLDER_H_
 
+#include <functional>
 #include <memory>
 #include <set>
 #include <string>
@@ -28,6 +29,9 @@
 #include "core/store/series_manifest.h"
 
 namespace isoscope::partition {
+
+// Of a series: who holds it appends, or changes the manifests otherwise.
+inline constexpr absl::string_view kAppendFolderName = "append.partial";
 
 // Thread-compatible.
 class SeriesWorkFolder {
@@ -88,6 +92,10 @@ class SeriesWorkFolder {
   int shard_count_ = 0;
   bool is_moved_ = false;
 };
+
+// Removes the entries of a folder whose names are told.
+absl::Status RemoveEntries(const std::string& path,
+                           const std::function<bool(const std::string& name)>& is_told);
 
 // Removes files of a series as "manifest.json.partial-4711", which processes left that were killed.
 // REQUIRES: the caller has taken the folder in which the series is appended to.

@@ -49,6 +49,10 @@ const volume::ScalarType& TypeOf(const store::SeriesManifest& series,
 std::string FingerprintOf(const std::string& identity, const source::VolumeSeries& source,
                           const VolumeTask& task, const source::VolumeSource& volume,
                           const PartitionOptions& options, const store::SeriesManifest& series) {
+  const std::string levels = options.levels.highest > 0
+                                 ? absl::StrCat("\nlevels ", options.levels.highest, " ",
+                                                volume::NameOf(*options.levels.filter))
+                                 : "";
   return base::Sha256Hex(absl::StrCat(
       "isoscope volume 2\n", NameOf(source, task), "\n", task.field, " ", task.component, "\n",
       volume.info().name, "\n", volume::NameOf(volume.info().type), "\n", identity, series.name,
@@ -56,7 +60,7 @@ std::string FingerprintOf(const std::string& identity, const source::VolumeSerie
       TextOf(series.geometry.spacing), "\n", TextOf(series.geometry.origin), "\n",
       TextOf(series.geometry.direction), "\n", TextOf(series.patient_frame), "\n",
       TextOf(series.block_cells), "\n", series.shard_count, " ", series.seed, " ",
-      static_cast<int>(options.compression)));
+      static_cast<int>(options.compression), levels));
 }
 
 // The finished part of all progress.
@@ -69,16 +73,21 @@ class TotalProgress {
       total_bytes_ += BytesOf(task, series);
     }
   }
-  void Begin(std::string phase) { phase_ = std::move(phase); }
-  void Report(std::int64_t bytes_of_volume) const {
+  void Begin(std::string phase, const VolumeTask& task, const store::SeriesManifest& series) {
+    phase_ = std::move(phase);
+    volume_bytes_ = BytesOf(task, series);
+  }
+  // share: of the volume with its levels, 0 to 1
+  void Report(double share) const {
     if (report_) {
       report_({.phase = phase_.c_str(),
-               .done_bytes = done_bytes_ + bytes_of_volume,
+               .done_bytes = done_bytes_ +
+                             static_cast<std::int64_t>(share * static_cast<double>(volume_bytes_)),
                .total_bytes = total_bytes_});
     }
   }
-  void End(const VolumeTask& task, const store::SeriesManifest& series) {
-    done_bytes_ += BytesOf(task, series);
+  void End() {
+    done_bytes_ += volume_bytes_;
     Report(0);
   }
 
@@ -90,9 +99,28 @@ class TotalProgress {
 
   const std::function<void(const PartitionProgress&)>& report_;
   std::string phase_;
+  std::int64_t volume_bytes_ = 0;  // of the volume under way
   std::int64_t done_bytes_ = 0;
   std::int64_t total_bytes_ = 0;
 };
+
+// The levels of a volume, in numbers: the filter is that of earlier steps of its field, if there
+// are any with levels.
+absl::StatusOr<LevelOptions> LevelsOf(LevelOptions options, const store::SeriesManifest& series,
+                                      const store::ScalarVolumeKey& key) {
+  for (const store::ScalarVolume& volume : series.volumes) {
+    if (volume.key.field == key.field && volume.key.component == key.component &&
+        volume.highest_level > 0) {
+      options.filter = volume.level_filter;
+      break;
+    }
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const LevelPlan plan,
+      PlanLevels(options, series.geometry, TypeOf(series, key), series.block_cells,
+                 series.shard_count, !series.labels.empty()));
+  return LevelOptions{.highest = plan.highest, .filter = plan.filter};
+}
 
 absl::Status WriteVolume(source::VolumeSource* volume, PartitionOptions options,
                          const SeriesWorkFolder& folder, const store::SeriesManifest& series,
@@ -110,7 +138,7 @@ absl::Status WriteVolume(source::VolumeSource* volume, PartitionOptions options,
 
 // Writes the volume of a task, unless the folder has it.
 absl::Status WriteTask(source::VolumeSeries& source, const VolumeTask& task,
-                       const PartitionOptions& options, SeriesWorkFolder* folder,
+                       PartitionOptions options, SeriesWorkFolder* folder,
                        const store::SeriesManifest& series,
                        const base::Cancellation& cancellation) {
   // Before the first byte is read.
@@ -118,6 +146,7 @@ absl::Status WriteTask(source::VolumeSeries& source, const VolumeTask& task,
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> volume,
                             OpenTask(source, task));
   ISOSCOPE_RETURN_IF_ERROR(CheckFits(source, task, *volume, series));
+  ISOSCOPE_ASSIGN_OR_RETURN(options.levels, LevelsOf(options.levels, series, task.key));
   const std::string fingerprint = FingerprintOf(identity, source, task, *volume, options, series);
   ISOSCOPE_ASSIGN_OR_RETURN(const bool is_finished,
                             folder->IsFinished(task.key, fingerprint, cancellation));
@@ -210,11 +239,12 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
   TotalProgress progress(options.progress, tasks, *series);
   PartitionOptions volume_options = options;
   volume_options.progress = [&progress](const PartitionProgress& volume_progress) {
-    progress.Report(volume_progress.done_bytes);
+    progress.Report(static_cast<double>(volume_progress.done_bytes) /
+                    static_cast<double>(std::max<std::int64_t>(volume_progress.total_bytes, 1)));
   };
   for (std::size_t i = 0; i < tasks.size(); ++i) {
     const VolumeTask& task = tasks[i];
-    progress.Begin(absl::StrCat("volume ", i + 1, " of ", tasks.size()));
+    progress.Begin(absl::StrCat("volume ", i + 1, " of ", tasks.size()), task, *series);
     const absl::Status status = [&]() -> absl::Status {
       ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
       ISOSCOPE_RETURN_IF_ERROR(
@@ -229,7 +259,7 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
                               status.message(), i, tasks.size(), folder->path())};
     }
     ISOSCOPE_RETURN_IF_ERROR(status);
-    progress.End(task, *series);
+    progress.End();
   }
   std::sort(
       series->volumes.begin(), series->volumes.end(),

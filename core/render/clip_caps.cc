@@ -98,17 +98,17 @@ bool CapPainter::MayHaveInside(const volume::ScalarSpan& span) const {
                      [&](const Solid& solid) { return solid.rule.MayHaveInside(span); });
 }
 
-CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const {
+CapPainter::Need CapPainter::NeedOf(volume::BlockId id, volume::BlockSpans* spans) const {
   if (solids_.empty() || clipper_.SideOf(layout_, id) != view::Clipper::Side::kCut) {
     return Need::kNothing;
   }
-  const volume::ScalarSpan span = ranges.Get(id);
+  const volume::ScalarSpan span = spans->Get(id);
   if (MayHaveInside(span)) {
     const bool is_active = std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
       return solid.rule.IsActive(span);
     });
     // A span does not tell whether samples are NaN.
-    return is_active || needs_values_ || IsFloat(ranges.type()) ? Need::kSamples : Need::kSpan;
+    return is_active || needs_values_ || IsFloat(spans->type()) ? Need::kSamples : Need::kSpan;
   }
   // All cells are outside; but points beside the rays may lie in a block next to this one.
   const math::Index3 at = layout_.IndexOf(id);
@@ -116,7 +116,7 @@ CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable
   for (std::int64_t z = std::max<std::int64_t>(at.z - 1, 0); z <= at.z + 1 && z < dims.z; ++z) {
     for (std::int64_t y = std::max<std::int64_t>(at.y - 1, 0); y <= at.y + 1 && y < dims.y; ++y) {
       for (std::int64_t x = std::max<std::int64_t>(at.x - 1, 0); x <= at.x + 1 && x < dims.x; ++x) {
-        if (MayHaveInside(ranges.Get(layout_.IdOf({x, y, z})))) {
+        if (MayHaveInside(spans->Get(layout_.IdOf({x, y, z})))) {
           return Need::kSamples;
         }
       }
@@ -215,12 +215,12 @@ CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
   return fragment;
 }
 
-void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
+void CapPainter::Paint(volume::BlockId id, const volume::ScalarSpan& span,
                        const volume::BlockSamples* samples,
                        std::span<const volume::BlockSamples> fields,
                        absl::FunctionRef<bool(int, int, float)> is_hidden,
                        absl::FunctionRef<void(const CapFragment&)> visit) const {
-  const Solid* const all_inside = samples == nullptr ? SolidOfSpan(ranges.Get(id)) : nullptr;
+  const Solid* const all_inside = samples == nullptr ? SolidOfSpan(span) : nullptr;
   ISOSCOPE_CHECK(samples != nullptr || all_inside != nullptr);
   const math::IndexBox cells = layout_.CellsOf(id);
   const auto is_here = [&](const math::Vec3d& position) {

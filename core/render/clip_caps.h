@@ -37,8 +37,9 @@
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/inside_rule.h"
-#include "core/volume/range_table.h"
+#include "core/volume/scalar_span.h"
 
 namespace isoscope::render {
 
@@ -68,18 +69,20 @@ class CapPainter {
     kSpan,     // its cells are all inside of one surface: no samples
     kSamples,
   };
-  [[nodiscard]] Need NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const;
+  // spans: of the volume; this reads those of the block and of its neighbours
+  [[nodiscard]] Need NeedOf(volume::BlockId id, volume::BlockSpans* spans) const;
 
   // Whether caps of a surface show the field that colours it.
   [[nodiscard]] bool ShowsField(std::size_t surface_index) const;
 
   // Calls `visit` with each fragment of the block's caps that `is_hidden` does not hide.
   //
+  // span:      of the block; unused if there are samples
   // samples:   null for Need::kSpan
   // fields:    by surface, the samples of the field that it shows, of the same block; may be empty
   //            if ShowsField is false for all
   // is_hidden: whether the pixel shows something nearer than a depth already
-  void Paint(volume::BlockId id, const volume::RangeTable& ranges,
+  void Paint(volume::BlockId id, const volume::ScalarSpan& span,
              const volume::BlockSamples* samples, std::span<const volume::BlockSamples> fields,
              absl::FunctionRef<bool(int x, int y, float depth)> is_hidden,
              absl::FunctionRef<void(const CapFragment&)> visit) const;

@@ -72,15 +72,15 @@ std::uint32_t* Slot(std::size_t index, std::vector<std::uint32_t>* table) {
 }  // namespace
 
 bool MayHaveSurface(const volume::BlockLayout& layout, volume::BlockId id,
-                    const volume::RangeTable& ranges, const volume::InsideRule& rule,
+                    volume::BlockSpans* spans, const volume::InsideRule& rule,
                     const view::Clipper& clipper) {
-  const volume::ScalarSpan span = ranges.Get(id);
+  const volume::ScalarSpan span = spans->Get(id);
   if (!rule.MayHaveInside(span)) {
     return false;
   }
   const view::Clipper::Side side = clipper.SideOf(CellsAround(layout, id));
   return side != view::Clipper::Side::kOutside &&
-         (side == view::Clipper::Side::kCut || rule.IsActive(span) || MayBeMissing(ranges.type()) ||
+         (side == view::Clipper::Side::kCut || rule.IsActive(span) || MayBeMissing(spans->type()) ||
           TouchesBorder(layout, id));
 }
 

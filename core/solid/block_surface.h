@@ -30,9 +30,9 @@
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/block_spans.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/inside_rule.h"
-#include "core/volume/range_table.h"
 
 namespace isoscope::solid {
 
@@ -46,7 +46,7 @@ struct SurfaceOptions {
 // Returns true if a block may have a part of the closed surface: if it has something inside, and is
 // active, at the border of the volume, cut, or of floats, which may be NaN.
 bool MayHaveSurface(const volume::BlockLayout& layout, volume::BlockId id,
-                    const volume::RangeTable& ranges, const volume::InsideRule& rule,
+                    volume::BlockSpans* spans, const volume::InsideRule& rule,
                     const view::Clipper& clipper);
 
 // Holds scratch space that grows to the largest block and is reused. Thread-compatible: each thread

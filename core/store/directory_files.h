@@ -39,7 +39,7 @@ absl::StatusOr<std::string> ReadRequiredJson(const std::string& path, std::int64
 
 struct Descriptions {
   Manifest manifest;
-  std::uint32_t manifest_crc32c = 0;
+  std::uint32_t manifest_crc32c = 0;  // ManifestCrc32c
   volume::BlockLayout layout;
   volume::RangeTable ranges;
 };
@@ -48,6 +48,13 @@ struct Descriptions {
 // verifies them. DATA_LOSS if they are damaged or of different datasets.
 absl::StatusOr<Descriptions> ReadDescriptions(const std::string& directory,
                                               const OpenFile& open_file);
+// Reads the manifest alone: `ranges` stays empty.
+absl::StatusOr<Descriptions> ReadManifest(const std::string& directory, const OpenFile& open_file);
+// Reads the range table that a manifest describes.
+absl::StatusOr<volume::RangeTable> ReadRangeTable(const std::string& directory,
+                                                  const Manifest& manifest,
+                                                  const volume::BlockLayout& layout,
+                                                  const OpenFile& open_file);
 
 }  // namespace isoscope::store
 

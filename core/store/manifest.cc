@@ -1,7 +1,8 @@
 // Encoding writes the members in a fixed order, then seals the text. Decoding trusts nothing:
 //
 //   1. VerifySeal: the CRC-32C of the whole text.
-//   2. ParseJsonFile: valid JSON of this format, in a version that this program knows.
+//   2. ParseJsonFile: valid JSON of this format, in a version that this program knows; version 3
+//      also says of which kind it is, and what a reader must know.
 //   3. Each member by name: its type and range. JsonFields keeps the first error, so the members
 //      are read in a row and the error is checked once. Unknown members are ignored.
 //   4. Names become enumerators.
@@ -12,6 +13,12 @@
 // UTF-8. Doubles are written with as many digits as that takes; the two infinities, which JSON
 // lacks, are the strings "inf" and "-inf".
 //
+// A manifest of version 3 holds the seal of the same manifest without levels, as "base_crc32c":
+//
+//   version 1, seal A     -- levels are added -->   version 3, seal B, base_crc32c A
+//
+// Shard files and series name A, and stay as they are.
+//
 // Example: tests/unit/core/store/manifest_test.cc has the whole text of a small manifest.
 // Members: docs/format/dataset.md, "manifest.json".
 
@@ -21,6 +28,7 @@
 #include <limits>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
@@ -52,6 +60,91 @@ absl::Status ReadShards(const Json& json, absl::string_view where,
     fields.ReadCrc32c("block_index_crc32c", &shard.block_index_crc32c);
     ISOSCOPE_RETURN_IF_ERROR(fields.status());
     shards->push_back(shard);
+  }
+  return absl::OkStatus();
+}
+
+// The position in a sealed text is found as the seal is: in a string the quotes would be escaped.
+constexpr absl::string_view kBaseCrc32cPrefix = "\"base_crc32c\": \"";
+
+// Adds what version 3 says behind its version.
+void AddExtension(const Manifest& manifest, Json* json) {
+  Manifest base = manifest;
+  base.levels.clear();
+  const absl::StatusOr<std::uint32_t> base_crc32c = ManifestCrc32c(EncodeManifest(base), "base");
+  ISOSCOPE_CHECK(base_crc32c.ok());
+  (*json)["kind"] = std::string(kVolumeKind);
+  (*json)["requires"] = Json::array({std::string(kLevelsFeature)});
+  (*json)["base_crc32c"] = JsonFromCrc32c(*base_crc32c);
+  (*json)["level_filter"] = std::string(volume::NameOf(manifest.level_filter));
+  Json levels = Json::array();
+  for (const LevelSummary& level : manifest.levels) {
+    levels.push_back(
+        Json{{"dataset_id", level.dataset_id},
+             {"value_scale", volume::LevelValueScale(manifest.scalar_type, manifest.level_filter)},
+             {"manifest_crc32c", JsonFromCrc32c(level.manifest_crc32c)}});
+  }
+  (*json)["levels"] = std::move(levels);
+}
+
+absl::Status ReadLevels(absl::string_view where, JsonFields* fields, Manifest* manifest) {
+  std::string filter_name;
+  fields->Read("level_filter", &filter_name);
+  const Json* const levels = fields->ReadArray("levels");
+  ISOSCOPE_RETURN_IF_ERROR(fields->status());
+  const absl::StatusOr<volume::LevelFilter> filter = volume::LevelFilterFromName(filter_name);
+  if (!filter.ok()) {
+    return WithContext(where, filter.status());
+  }
+  manifest->level_filter = *filter;
+  if (levels->empty() || levels->size() > static_cast<std::size_t>(volume::kMaxLevel)) {
+    return absl::DataLossError(absl::StrFormat("%s: %d levels, expected 1 to %d", where,
+                                               levels->size(), volume::kMaxLevel));
+  }
+  for (const Json& element : *levels) {
+    LevelSummary& level = manifest->levels.emplace_back();
+    double value_scale = 0;
+    JsonFields members(element, where);
+    members.Read("dataset_id", &level.dataset_id);
+    members.ReadDouble("value_scale", &value_scale);
+    members.ReadCrc32c("manifest_crc32c", &level.manifest_crc32c);
+    ISOSCOPE_RETURN_IF_ERROR(members.status());
+    const double expected = volume::LevelValueScale(manifest->scalar_type, manifest->level_filter);
+    if (value_scale != expected) {
+      return absl::DataLossError(absl::StrFormat("%s: level %d has value_scale %g, expected %g",
+                                                 where, manifest->highest_level(), value_scale,
+                                                 expected));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckLevels(const Manifest& manifest, absl::string_view where) {
+  if (manifest.highest_level() > volume::HighestLevel(manifest.geometry.sample_dims)) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: %d levels, at most %d have 2 samples on each axis", where, manifest.highest_level(),
+        volume::HighestLevel(manifest.geometry.sample_dims)));
+  }
+  if (!volume::CanFilter(manifest.level_filter, manifest.scalar_type)) {
+    return absl::DataLossError(absl::StrFormat("%s: levels of majorities of %s samples", where,
+                                               volume::NameOf(manifest.scalar_type)));
+  }
+  for (int level = 1; level <= manifest.highest_level(); ++level) {
+    if (!IsDigest(manifest.levels[static_cast<std::size_t>(level - 1)].dataset_id)) {
+      return absl::DataLossError(absl::StrFormat(
+          "%s: member \"dataset_id\" of level %d: expected 32 lower-case hex digits", where,
+          level));
+    }
+    const auto layout =
+        volume::BlockLayout::Make(manifest.Level(level).grid.sample_dims, manifest.block_cells);
+    if (!layout.ok()) {
+      return WithContext(where, layout.status());
+    }
+    if (layout->block_count() < static_cast<std::int64_t>(manifest.shards.size())) {
+      return absl::DataLossError(absl::StrFormat("%s: level %d has %d blocks for %d shards", where,
+                                                 level, layout->block_count(),
+                                                 manifest.shards.size()));
+    }
   }
   return absl::OkStatus();
 }
@@ -92,7 +185,7 @@ absl::Status CheckConsistency(const Manifest& manifest, absl::string_view where)
         absl::StrFormat("%s: the shards hold %d blocks together, expected %d", where, block_count,
                         layout->block_count()));
   }
-  return absl::OkStatus();
+  return CheckLevels(manifest, where);
 }
 
 }  // namespace
@@ -127,8 +220,11 @@ std::string EncodeManifest(const Manifest& manifest) {
   }
   Json json;
   json["format"] = std::string(kManifestFormat);
-  json["format_version"] = kFormatVersion;
+  json["format_version"] = manifest.levels.empty() ? kFormatVersion : kExtendedFormatVersion;
   json["crc32c"] = JsonFromCrc32c(0);
+  if (!manifest.levels.empty()) {
+    AddExtension(manifest, &json);
+  }
   json["dataset_id"] = manifest.dataset_id;
   if (!manifest.samples_digest.empty()) {
     json["samples_digest"] = manifest.samples_digest;
@@ -162,7 +258,8 @@ std::string EncodeManifest(const Manifest& manifest) {
 absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_view where) {
   ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, where).status());
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Json> json,
-                            ParseJsonFile(bytes, where, kManifestFormat, kFormatVersion));
+                            ParseJsonFile(bytes, where, kManifestFormat, kExtendedFormatVersion));
+  ISOSCOPE_ASSIGN_OR_RETURN(const int version, ReadVersion(*json, where, kVolumeKind));
 
   Manifest manifest;
   JsonFields fields(*json, where);
@@ -209,8 +306,26 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
     return WithContext(where, known_distribution.status());
   }
   manifest.distribution = *known_distribution;
+  if (version == kExtendedFormatVersion) {
+    ISOSCOPE_RETURN_IF_ERROR(ReadLevels(where, &fields, &manifest));
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckConsistency(manifest, where));
   return manifest;
+}
+
+absl::StatusOr<std::uint32_t> ManifestCrc32c(absl::string_view bytes, absl::string_view where) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t seal, VerifySeal(bytes, where));
+  const std::size_t prefix = bytes.find(kBaseCrc32cPrefix);
+  if (prefix == absl::string_view::npos) {
+    return seal;
+  }
+  constexpr std::size_t kDigits = 8;
+  std::uint32_t base = 0;
+  if (!absl::SimpleHexAtoi(bytes.substr(prefix + kBaseCrc32cPrefix.size(), kDigits), &base)) {
+    return absl::DataLossError(
+        absl::StrCat(where, ": member \"base_crc32c\": expected 8 hex digits"));
+  }
+  return base;
 }
 
 }  // namespace isoscope::store

@@ -20,6 +20,7 @@
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
+#include "core/volume/volume_level.h"
 
 namespace isoscope::store {
 
@@ -33,6 +34,15 @@ struct ShardSummary {
   std::uint32_t block_index_crc32c = 0;  // of the whole index file: ties the shard to the dataset
 
   friend bool operator==(const ShardSummary&, const ShardSummary&) = default;
+};
+
+// A level >= 1 in the manifest of its volume. It has a folder in each shard, whose own manifest, of
+// version 1, has the rest; values there are stored ones (volume::VolumeLevel::value_scale).
+struct LevelSummary {
+  std::string dataset_id;             // of the level's manifest
+  std::uint32_t manifest_crc32c = 0;  // of it
+
+  friend bool operator==(const LevelSummary&, const LevelSummary&) = default;
 };
 
 struct Manifest {
@@ -61,15 +71,31 @@ struct Manifest {
   // Names and colours of sample values, if the source or its user tells them; as
   // volume::ValidateLabels has them.
   std::vector<volume::Label> labels{};
+  // Levels 1, 2, ...: each has a block for every shard. Empty: there are none.
+  std::vector<LevelSummary> levels{};
+  volume::LevelFilter level_filter = volume::LevelFilter::kMean;  // that made them
+
+  // 0 if there is only the volume itself.
+  [[nodiscard]] int highest_level() const { return static_cast<int>(levels.size()); }
+  // Grid, sample type and scale of a level. REQUIRES: 0 <= level <= highest_level().
+  [[nodiscard]] volume::VolumeLevel Level(int level) const {
+    return volume::LevelOf(geometry, scalar_type, level_filter, level);
+  }
 
   friend bool operator==(const Manifest&, const Manifest&) = default;
 };
 
-// Returns the bytes of manifest.json, sealed.
+// Returns the bytes of manifest.json, sealed: of version 3 if there are levels, else of version 1,
+// which earlier programs read.
 std::string EncodeManifest(const Manifest& manifest);
 // Decodes and validates a manifest. `where` names the file in messages. DATA_LOSS if the bytes are
 // damaged or contradict themselves, FAILED_PRECONDITION if they have a newer format version.
 absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_view where);
+
+// Returns the CRC-32C by which shards and series name a manifest: the seal that it has without
+// levels. So levels are added and dropped without a change of any other file. Verifies the seal of
+// `bytes`: DATA_LOSS.
+absl::StatusOr<std::uint32_t> ManifestCrc32c(absl::string_view bytes, absl::string_view where);
 
 }  // namespace isoscope::store
 

@@ -16,7 +16,51 @@
 #include "absl/strings/str_format.h"
 #include <nlohmann/json.hpp>
 
+#include "core/base/status_macros.h"
+#include "core/store/shard_format.h"
+
 namespace isoscope::store {
+namespace {
+
+absl::Status CheckRequired(const Json& required, absl::string_view where) {
+  for (const Json& feature : required) {
+    if (!feature.is_string() || feature.get_ref<const std::string&>() != kLevelsFeature) {
+      return absl::FailedPreconditionError(
+          absl::StrCat(where, ": requires ", feature.dump(-1, ' ', true),
+                       ", which this program does not know; use a newer program"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<int> ReadVersion(const Json& json, absl::string_view where, absl::string_view kind) {
+  JsonFields fields(json, where);
+  std::int64_t version = 0;
+  fields.Read("format_version", 1, kExtendedFormatVersion, &version);
+  std::string stated_kind(version == kSeriesFormatVersion ? kSeriesKind : kVolumeKind);
+  if (version == kExtendedFormatVersion) {
+    fields.Read("kind", &stated_kind);
+    if (const Json* required = fields.ReadArray("requires")) {
+      fields.Fail(CheckRequired(*required, where));
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(fields.status());
+  const absl::string_view stated = stated_kind;
+  if (stated != kVolumeKind && stated != kSeriesKind) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(where, ": a dataset of kind \"", stated,
+                     "\", which this program does not know; use a newer program"));
+  }
+  if (stated != kind) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(where, ": format version ", version, ", ",
+                     kind == kSeriesKind ? "a dataset of one field and step, no series"
+                                         : "a series, expected a dataset of one field and step"));
+  }
+  return static_cast<int>(version);
+}
 
 Json JsonFromIndex(const math::Index3& index) { return Json::array({index.x, index.y, index.z}); }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
 #include "core/math/matrix.h"
@@ -40,6 +41,10 @@ void ReadFiniteRange(absl::string_view where, JsonFields* fields,
                      std::optional<volume::ScalarSpan>* range);
 // Leaves the labels empty if there is no such member.
 void ReadLabels(absl::string_view where, JsonFields* fields, std::vector<volume::Label>* labels);
+
+// Returns the format version of a manifest. Version 3 must be of this kind, and require nothing that
+// this program does not know; version 1 is of kVolumeKind, 2 of kSeriesKind. FAILED_PRECONDITION.
+absl::StatusOr<int> ReadVersion(const Json& json, absl::string_view where, absl::string_view kind);
 
 // Read an object. DATA_LOSS names `where`.
 absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction);

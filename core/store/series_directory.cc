@@ -81,8 +81,13 @@ bool IsSeriesDirectory(const std::string& directory) {
       static_cast<std::size_t>(std::min<std::int64_t>((*file)->size_bytes(), kVersionHeadBytes)),
       '\0');
   // Inside a JSON string the quotes would be escaped.
+  const auto has = [&head](const auto&... text) {
+    return absl::StrContains(head, absl::StrCat(text...));
+  };
   return (*file)->ReadAt(0, head.size(), head.data()).ok() &&
-         absl::StrContains(head, absl::StrCat("\"format_version\": ", kSeriesFormatVersion, ","));
+         (has("\"format_version\": ", kSeriesFormatVersion, ",") ||
+          (has("\"format_version\": ", kExtendedFormatVersion, ",") &&
+           has("\"kind\": \"", kSeriesKind, "\"")));
 }
 
 absl::StatusOr<SeriesShard> OpenSeriesShard(const std::string& directory) {

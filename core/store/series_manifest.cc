@@ -2,7 +2,7 @@
 // text. Decoding trusts nothing, as that of manifest.cc:
 //
 //   1. VerifySeal: the CRC-32C of the whole text.
-//   2. ParseJsonFile: valid JSON of this format; another version than 2 is refused.
+//   2. ParseJsonFile: valid JSON of this format, of version 2, or of 3 and a series.
 //   3. Each member by name: its type and range. Unknown members are ignored.
 //   4. CheckSeries: fields and components have names that tell them apart, times ascend, the
 //      grid makes blocks for all shards, and the lines of volumes ascend and name what is there.
@@ -73,8 +73,13 @@ Json HeadOf(const SeriesManifest& manifest) {
   const volume::GridGeometry& geometry = manifest.geometry;
   Json json;
   json["format"] = std::string(kManifestFormat);
-  json["format_version"] = kSeriesFormatVersion;
+  const bool has_levels = manifest.highest_level() > 0;
+  json["format_version"] = has_levels ? kExtendedFormatVersion : kSeriesFormatVersion;
   json["crc32c"] = JsonFromCrc32c(0);
+  if (has_levels) {
+    json["kind"] = std::string(kSeriesKind);
+    json["requires"] = Json::array({std::string(kLevelsFeature)});
+  }
   json["dataset_id"] = manifest.dataset_id;
   json["name"] = manifest.name;
   json["source"] = manifest.source;
@@ -117,6 +122,10 @@ std::string LineOf(const ScalarVolume& volume) {
   }
   if (volume.max_gradient_magnitude.has_value()) {
     json["max_gradient_magnitude"] = JsonFromDouble(*volume.max_gradient_magnitude);
+  }
+  if (volume.highest_level > 0) {
+    json["highest_level"] = volume.highest_level;
+    json["level_filter"] = std::string(volume::NameOf(volume.level_filter));
   }
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
@@ -178,6 +187,25 @@ absl::Status ReadTimes(const Json& json, absl::string_view where, JsonFields* fi
   return absl::OkStatus();
 }
 
+// Leaves the volume without levels if there is no such member.
+absl::Status ReadVolumeLevels(absl::string_view where, JsonFields* fields, ScalarVolume* volume) {
+  if (!fields->Has("highest_level")) {
+    return absl::OkStatus();
+  }
+  std::int64_t highest_level = 0;
+  std::string filter_name;
+  fields->Read("highest_level", 1, volume::kMaxLevel, &highest_level);
+  fields->Read("level_filter", &filter_name);
+  ISOSCOPE_RETURN_IF_ERROR(fields->status());
+  const absl::StatusOr<volume::LevelFilter> filter = volume::LevelFilterFromName(filter_name);
+  if (!filter.ok()) {
+    return WithContext(where, filter.status());
+  }
+  volume->highest_level = static_cast<int>(highest_level);
+  volume->level_filter = *filter;
+  return absl::OkStatus();
+}
+
 absl::Status ReadVolumes(const Json& json, absl::string_view where,
                          std::vector<ScalarVolume>* volumes) {
   ISOSCOPE_RETURN_IF_ERROR(CheckSize("volumes", json, kMaxScalarVolumes, where));
@@ -200,6 +228,7 @@ absl::Status ReadVolumes(const Json& json, absl::string_view where,
       fields.ReadDouble("max_gradient_magnitude", &volume.max_gradient_magnitude.emplace());
     }
     ISOSCOPE_RETURN_IF_ERROR(fields.status());
+    ISOSCOPE_RETURN_IF_ERROR(ReadVolumeLevels(where, &fields, &volume));
     volume.key = {static_cast<int>(field), static_cast<int>(component), static_cast<int>(step)};
     volumes->push_back(std::move(volume));
   }
@@ -295,6 +324,11 @@ absl::Status CheckVolumes(const SeriesManifest& manifest, absl::string_view wher
         !status.ok()) {
       return fails(status.message());
     }
+    if (volume.highest_level > volume::HighestLevel(manifest.geometry.sample_dims)) {
+      return fails(absl::StrCat("member \"highest_level\" is ", volume.highest_level,
+                                ": expected at most ",
+                                volume::HighestLevel(manifest.geometry.sample_dims)));
+    }
     before = &volume;
   }
   return absl::OkStatus();
@@ -315,14 +349,8 @@ absl::StatusOr<std::shared_ptr<const Json>> ParseSeries(absl::string_view bytes,
                                                         absl::string_view where) {
   ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, where).status());
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Json> json,
-                            ParseJsonFile(bytes, where, kManifestFormat, kSeriesFormatVersion));
-  JsonFields fields(*json, where);
-  std::int64_t version = 0;
-  fields.Read("format_version", 1, kSeriesFormatVersion, &version);
-  if (version != kSeriesFormatVersion) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        where, ": format version 1, expected 2: a dataset of one field and step, no series"));
-  }
+                            ParseJsonFile(bytes, where, kManifestFormat, kExtendedFormatVersion));
+  ISOSCOPE_RETURN_IF_ERROR(ReadVersion(*json, where, kSeriesKind).status());
   return json;
 }
 
@@ -339,6 +367,14 @@ const ScalarVolume* SeriesManifest::Find(const ScalarVolumeKey& key) const {
                          return volume.key < sought;
                        });
   return found != volumes.end() && found->key == key ? &*found : nullptr;
+}
+
+int SeriesManifest::highest_level() const {
+  int highest = 0;
+  for (const ScalarVolume& volume : volumes) {
+    highest = std::max(highest, volume.highest_level);
+  }
+  return highest;
 }
 
 std::string EncodeSeriesManifest(const SeriesManifest& manifest) {

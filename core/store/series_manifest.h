@@ -33,6 +33,7 @@
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
+#include "core/volume/volume_level.h"
 
 namespace isoscope::store {
 
@@ -82,6 +83,8 @@ struct ScalarVolume {
   volume::ScalarSpan value_range;
   std::optional<volume::ScalarSpan> finite_range = std::nullopt;  // as in Manifest
   std::optional<double> max_gradient_magnitude = std::nullopt;
+  int highest_level = 0;  // as in Manifest; 0: there are none
+  volume::LevelFilter level_filter = volume::LevelFilter::kMean;
 
   friend bool operator==(const ScalarVolume&, const ScalarVolume&) = default;
 };
@@ -110,18 +113,20 @@ struct SeriesManifest {
   }
   // Null if the series has no such volume.
   [[nodiscard]] const ScalarVolume* Find(const ScalarVolumeKey& key) const;
+  // Of the volumes; 0 if none has levels. A volume may have fewer.
+  [[nodiscard]] int highest_level() const;
 
   friend bool operator==(const SeriesManifest&, const SeriesManifest&) = default;
 };
 
-// Returns the bytes of manifest.json, sealed.
+// Returns the bytes of manifest.json, sealed: of version 3 if a volume has levels, else of version 2.
 std::string EncodeSeriesManifest(const SeriesManifest& manifest);
 // Decodes and validates. `where` names the file in messages. DATA_LOSS if the bytes are damaged or
-// contradict themselves, FAILED_PRECONDITION if they have another format version than 2.
+// contradict themselves, FAILED_PRECONDITION if they are of a volume or of a newer version.
 absl::StatusOr<SeriesManifest> DecodeSeriesManifest(absl::string_view bytes,
                                                     absl::string_view where);
 
-// True if a dataset or shard directory has a manifest of a series; false for one of version 1, and
+// True if a dataset or shard directory has a manifest of a series; false for one of a volume, and
 // where there is none or it can't be read (whoever opens it then says why).
 bool IsSeriesDirectory(const std::string& directory);
 

@@ -37,6 +37,9 @@ inline std::string ShardDirectoryName(int shard_index, int shard_count) {
   return absl::StrFormat("shard-%05d-of-%05d", shard_index, shard_count);
 }
 
+// "level_2": the folder of a level >= 1 in a shard directory of a volume.
+inline std::string LevelDirectoryName(int level) { return absl::StrFormat("level_%d", level); }
+
 inline constexpr int kMaxShardCount = 65536;
 
 // Values of "format" and "format_version" in the JSON files.
@@ -44,6 +47,12 @@ inline constexpr absl::string_view kManifestFormat = "isoscope-dataset";
 inline constexpr absl::string_view kShardFormat = "isoscope-shard";
 inline constexpr int kFormatVersion = 1;
 inline constexpr int kSeriesFormatVersion = 2;  // of manifests (series_manifest.h)
+// Of manifests of either kind that need what earlier programs do not know, such as levels. Its
+// member "kind" tells a volume from a series, and "requires" lists what a reader must know.
+inline constexpr int kExtendedFormatVersion = 3;
+inline constexpr absl::string_view kVolumeKind = "volume";
+inline constexpr absl::string_view kSeriesKind = "series";
+inline constexpr absl::string_view kLevelsFeature = "levels";
 
 // Larger files are refused before memory is allocated for them. The largest manifest, of
 // kMaxShardCount shards, takes about 9 MiB.

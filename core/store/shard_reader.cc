@@ -2,7 +2,8 @@
 // before the next is read:
 //
 //   1. manifest.json     its own seal
-//   2. ranges.bin        CRC-32C of the file, from the manifest
+//   2. ranges.bin        CRC-32C of the file, from the manifest; or, if it is there,
+//      span_tree.bin     CRC-32C of its head; pages when they are read
 //   3. shard.json        its own seal; CRC-32C of the manifest, counts and sizes as in the manifest
 //   4. interval_tree.bin size, and CRC-32C of its first 4096 bytes, from shard.json
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
@@ -40,6 +41,7 @@
 #include "core/store/sealed_json.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
+#include "core/store/span_tree_file.h"
 #include "core/volume/block_set.h"
 
 namespace isoscope::store {
@@ -118,15 +120,47 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   auto reader = std::unique_ptr<ShardReader>(new ShardReader);
   reader->directory_ = directory;
   reader->open_file_ = open_file;
-  // 1 and 2: manifest and ranges.
-  ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions, ReadDescriptions(directory, open_file));
+  // 1: manifest.
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions, ReadManifest(directory, open_file));
   reader->manifest_ = std::move(descriptions.manifest);
   reader->manifest_crc32c_ = descriptions.manifest_crc32c;
   reader->layout_ = descriptions.layout;
-  reader->ranges_ = VolumeRanges::Share(std::move(descriptions.ranges));
+  ISOSCOPE_RETURN_IF_ERROR(reader->OpenRanges(open_file));
   ISOSCOPE_RETURN_IF_ERROR(reader->ReadShardFile(open_file));
   ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file));
   return reader;
+}
+
+absl::Status ShardReader::OpenRanges(const OpenFile& open_file) {
+  // 2: ranges.
+  if (!io::PathExists(PathIn(directory_, kSpanTreeFileName))) {
+    ISOSCOPE_ASSIGN_OR_RETURN(volume::RangeTable table,
+                              ReadRangeTable(directory_, manifest_, layout_, open_file));
+    ranges_ = VolumeRanges::Share(layout_.block_dims(), std::move(table));
+    return absl::OkStatus();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(volume::SpanOctree octree,
+                            OpenSpanTree(directory_, manifest_, layout_, open_file));
+  ranges_ = VolumeRanges::Share(
+      absl::StrFormat("%s/%08x/%dx%dx%d", manifest_.dataset_id, manifest_.range_table_crc32c,
+                      layout_.block_dims().x, layout_.block_dims().y, layout_.block_dims().z),
+      std::move(octree),
+      // Later: what `open_file` refers to may be gone by then.
+      [directory = directory_, manifest = manifest_, layout = layout_] {
+        return ReadRangeTable(directory, manifest, layout, io::OpenRandomAccessFile);
+      });
+  return absl::OkStatus();
+}
+
+absl::Status ShardReader::VerifySpans() const {
+  if (!has_span_tree()) {
+    return absl::OkStatus();
+  }
+  // Shards of a volume share the pages of one of them: here it is this shard's.
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::SpanOctree octree,
+                            OpenSpanTree(directory_, manifest_, layout_, open_file_));
+  ISOSCOPE_RETURN_IF_ERROR(VerifySpanTree(octree, PathIn(directory_, kSpanTreeFileName)));
+  return ReadRangeTable(directory_, manifest_, layout_, open_file_).status();
 }
 
 absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {

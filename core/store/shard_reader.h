@@ -26,9 +26,12 @@
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_spans.h"
+#include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
+#include "core/volume/scalar_span.h"
 
 namespace isoscope::store {
 
@@ -47,8 +50,8 @@ absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory);
 bool IsDatasetDirectory(const std::string& directory);
 bool IsShardDirectory(const std::string& directory);
 
-// An open shard. Holds 24 bytes for each of its blocks, and shares the range table with the other
-// shards of its volume in this process. Immutable after Open;
+// An open shard. Holds 24 bytes for each of its blocks, and shares the range table, or the pages of
+// it that are in use, with the other shards of its volume in this process. Immutable after Open;
 // thread-safe.
 class ShardReader {
  public:
@@ -68,16 +71,40 @@ class ShardReader {
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
+  // The whole table: of a span_tree.bin it is read at the first call, and kept (VolumeRanges::table).
+  // Spans and ActiveTree do without.
   [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_->table(); }
   // As ranges().ActiveBlocks(rule), of all shards of the volume in this process.
   [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(
       const volume::InsideRule& rule) const {
     return ranges_->ActiveBlocks(rule);
   }
+  // The same as a tree, for volumes with more than volume::kMaxDenseBlocks blocks. Errors are those of
+  // pages of span_tree.bin.
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const volume::BlockTree>> ActiveTree(
+      const volume::InsideRule& rule) const {
+    return ranges_->ActiveTree(rule);
+  }
+  // Returns the spans of single blocks of the volume, of a span_tree.bin by its pages. This must
+  // outlive them.
+  [[nodiscard]] volume::BlockSpans Spans() const { return ranges_->Spans(); }
+  // Returns the span of a block of the volume, without reading the table of a span_tree.bin.
+  [[nodiscard]] absl::StatusOr<volume::ScalarSpan> SpanOf(volume::BlockId id) const {
+    return ranges_->SpanOf(id);
+  }
+  // Whether the ranges are in a span_tree.bin. Of one, the number of pages of the volume whose span an
+  // isovalue meets.
+  [[nodiscard]] bool has_span_tree() const { return ranges_->is_in_file(); }
+  [[nodiscard]] std::int64_t CountActivePages(double isovalue) const {
+    return ranges_->CountActivePages(isovalue);
+  }
+  // Reads and verifies all of this shard's span_tree.bin, and its ranges.bin beside it. OK if there is
+  // none: then Open has verified ranges.bin.
+  [[nodiscard]] absl::Status VerifySpans() const;
   [[nodiscard]] std::int64_t block_count() const;
   // REQUIRES: ordinal < block_count().
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
-  // The member "crc32c" of manifest.json. Equal in all shards of a dataset.
+  // ManifestCrc32c of manifest.json. Equal in all shards of a dataset, with levels or without.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
   // The bytes of a block in blocks.bin. REQUIRES: ordinal < block_count().
   [[nodiscard]] std::int64_t stored_bytes(std::uint32_t ordinal) const;
@@ -125,6 +152,7 @@ class ShardReader {
  private:
   ShardReader() = default;
 
+  absl::Status OpenRanges(const OpenFile& open_file);
   absl::Status ReadShardFile(const OpenFile& open_file);
   absl::Status ReadBlockIndex(const OpenFile& open_file);
   // Fills entries_ from the verified bytes of the block index and checks each entry. `path` is

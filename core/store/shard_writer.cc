@@ -44,6 +44,7 @@
 #include "core/store/json_fields.h"
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
+#include "core/store/span_tree_file.h"
 #include "core/volume/block_samples.h"
 
 namespace isoscope::store {
@@ -338,8 +339,14 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
   const std::string manifest_bytes = EncodeManifest(manifest);
   if (shard_index >= 0) {
     ISOSCOPE_CHECK_LT(static_cast<std::size_t>(shard_index), manifest.shards.size());
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const volume::BlockLayout layout,
+        volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells));
+    if (NeedsSpanTree(manifest, layout)) {
+      ISOSCOPE_RETURN_IF_ERROR(WriteSpanTree(directory, manifest, layout));
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t manifest_crc32c,
-                              VerifySeal(manifest_bytes, manifest_path));
+                              ManifestCrc32c(manifest_bytes, manifest_path));
     ISOSCOPE_ASSIGN_OR_RETURN(const FileSums tree, SumUpFile(prefix + kIntervalTreeFileName));
     std::optional<FileSums> histogram;
     if (io::PathExists(prefix + kHistogramFileName)) {

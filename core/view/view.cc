@@ -4,7 +4,8 @@
 //   2. eye_from_index is composed directly, not as eye_from_world * world_from_index.
 //   3. The clip planes fit the 8 corners of the volume, plus a slack; near is at least 1/1000 of
 //      far for perspective, at least 0 for orthographic.
-//   4. Projection times both eye matrices gives clip_from_world and clip_from_index.
+//   4. Projection times both eye matrices gives clip_from_world and clip_from_index (SetGrid). A view
+//      on another grid repeats this step alone, with the clip planes of the first one.
 //
 // A footprint holds, for a box of cells, the pixels that a float32 renderer can cover, and the
 // least depth of a fragment. footprint_kernel.cc computes rectangles and depths. Here depths are
@@ -142,6 +143,10 @@ math::Vec3d ToDoubles(const math::Index3& v) {
   return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
 }
 
+math::Vec3d LastSampleOf(const volume::GridGeometry& geometry) {
+  return ToDoubles(geometry.sample_dims - math::Index3{1, 1, 1});
+}
+
 ImagePlane MakeImagePlane(const View& view) {
   const Camera& camera = view.camera();
   const Viewport& viewport = view.viewport();
@@ -207,22 +212,14 @@ absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
   view.camera_ = camera;
   view.viewport_ = viewport;
   view.region_ = region.value_or(Region{0, 0, viewport.width_px, viewport.height_px});
-  view.geometry_ = geometry;
-  view.world_from_index_ = geometry.world_from_index();
-  view.index_from_world_ = geometry.index_from_world();
   const double target_distance = math::Length(camera.target - camera.eye);
   view.forward_ = math::Normalized(camera.target - camera.eye);
   view.right_ = math::Normalized(math::Cross(view.forward_, math::Normalized(camera.up)));
   view.up_ = math::Cross(view.right_, view.forward_);
   view.image_plane_ = MakeImagePlane(view);
 
-  // eye = rotation (world - eye position); x right, y up, z toward the viewer.
-  const math::Mat3d rotation = math::Transposed({{view.right_, view.up_, -view.forward_}});
-  const math::Mat4d eye_from_world = math::MakeAffine(rotation, -(rotation * camera.eye));
-  const math::Mat4d eye_from_index = EyeFromIndex(rotation, camera, geometry);
-
-  const math::Vec3d last_sample = ToDoubles(geometry.sample_dims - math::Index3{1, 1, 1});
-  const Range distances = DistancesOf(last_sample, eye_from_index);
+  const Range distances =
+      DistancesOf(LastSampleOf(geometry), EyeFromIndex(view.EyeRotation(), camera, geometry));
   const bool is_perspective = view.image_plane_.is_perspective;
   if (distances.max > 0) {
     view.far_distance_ = distances.max;
@@ -234,23 +231,42 @@ absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
     view.near_distance_ = is_perspective ? kMinNearFraction * target_distance : 0.0;
   }
 
+  ISOSCOPE_RETURN_IF_ERROR(view.SetGrid(geometry));
+  return view;
+}
+
+absl::StatusOr<View> View::OnGrid(const volume::GridGeometry& grid) const {
+  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(grid));
+  View view = *this;
+  ISOSCOPE_RETURN_IF_ERROR(view.SetGrid(grid));
+  return view;
+}
+
+// eye = rotation (world - eye position); x right, y up, z toward the viewer.
+math::Mat3d View::EyeRotation() const { return math::Transposed({{right_, up_, -forward_}}); }
+
+absl::Status View::SetGrid(const volume::GridGeometry& geometry) {
+  geometry_ = geometry;
+  world_from_index_ = geometry.world_from_index();
+  index_from_world_ = geometry.index_from_world();
+  const math::Mat3d rotation = EyeRotation();
   const math::Mat4d clip_from_eye =
-      ProjectionMatrix(camera, viewport, view.near_distance_, view.far_distance_);
-  view.clip_from_world_ = clip_from_eye * eye_from_world;
-  view.clip_from_index_ = clip_from_eye * eye_from_index;
-  const std::array<double, 4> reach = ClipReach(view.clip_from_index_, last_sample);
+      ProjectionMatrix(camera_, viewport_, near_distance_, far_distance_);
+  clip_from_world_ = clip_from_eye * math::MakeAffine(rotation, -(rotation * camera_.eye));
+  clip_from_index_ = clip_from_eye * EyeFromIndex(rotation, camera_, geometry);
+  const std::array<double, 4> reach = ClipReach(clip_from_index_, LastSampleOf(geometry));
   const auto is_held = [](double x) { return x <= kMaxClipError / kClipError; };  // false for NaN
-  if (!IsFinite(view.clip_from_world_) || !IsFinite(view.clip_from_index_) ||
-      !IsFinite(view.index_from_world_) || !std::all_of(reach.begin(), reach.end(), is_held)) {
+  if (!IsFinite(clip_from_world_) || !IsFinite(clip_from_index_) || !IsFinite(index_from_world_) ||
+      !std::all_of(reach.begin(), reach.end(), is_held)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "camera eye %g, %g, %g, %s, with volume origin %g, %g, %g: the numbers are too large or "
         "too small for a projection; clip coordinates reach %g, and at most 2^120 (%g) are "
         "possible, because renderers compute them in 32-bit floats",
-        camera.eye.x, camera.eye.y, camera.eye.z, OpeningOf(camera), geometry.origin.x,
+        camera_.eye.x, camera_.eye.y, camera_.eye.z, OpeningOf(camera_), geometry.origin.x,
         geometry.origin.y, geometry.origin.z, *std::max_element(reach.begin(), reach.end()),
         0x1p120));
   }
-  return view;
+  return absl::OkStatus();
 }
 
 Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& index_max) const {

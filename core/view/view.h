@@ -7,6 +7,7 @@
 #include <array>
 #include <optional>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 
@@ -86,6 +87,10 @@ class View {
   static absl::StatusOr<View> Make(const Camera& camera, const Viewport& viewport,
                                    const volume::GridGeometry& geometry,
                                    const std::optional<Region>& region = std::nullopt);
+  // Returns this view of another grid, such as a level of the volume: the same picture of the world,
+  // with the same clip planes. `grid` must lie within the bounds of geometry(). INVALID_ARGUMENT as
+  // Make.
+  [[nodiscard]] absl::StatusOr<View> OnGrid(const volume::GridGeometry& grid) const;
 
   [[nodiscard]] const Camera& camera() const { return camera_; }
   // The whole, also if the picture is a region of it.
@@ -101,8 +106,8 @@ class View {
   [[nodiscard]] const math::Mat4d& clip_from_index() const { return clip_from_index_; }
   [[nodiscard]] const math::Mat4d& world_from_index() const { return world_from_index_; }
   [[nodiscard]] const math::Mat4d& index_from_world() const { return index_from_world_; }
-  // Distances of the clip planes along the view direction. They fit the volume's bounding box;
-  // 0 < near < far for perspective, 0 <= near < far for orthographic.
+  // Distances of the clip planes along the view direction. They fit the bounding box of the volume
+  // that Make got; 0 < near < far for perspective, 0 <= near < far for orthographic.
   [[nodiscard]] double near_distance() const { return near_distance_; }
   [[nodiscard]] double far_distance() const { return far_distance_; }
   [[nodiscard]] const ImagePlane& image_plane() const { return image_plane_; }
@@ -123,6 +128,10 @@ class View {
 
  private:
   View() = default;
+
+  [[nodiscard]] math::Mat3d EyeRotation() const;
+  // Sets the geometry and all matrices, last. Errors as Make.
+  absl::Status SetGrid(const volume::GridGeometry& geometry);
 
   Camera camera_;
   Viewport viewport_;

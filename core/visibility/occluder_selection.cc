@@ -14,6 +14,9 @@
 // columns count along y and rows along z. A viewport of 1024 x 1024 pixels has 128 x 128 = 16384
 // rays more, from 52 on.
 //
+// A volume with more than RaySet::kMaxFaceRays boundary faces has rays through every second, third,
+// ... row and column of them: any set of occluders gives the same picture.
+//
 // An agent casts a contiguous share. The union of all hits does not depend on the shares, because a
 // ray is a function of its index. Hits and their active 26-neighbours occlude: a surface that a ray
 // meets continues in the neighbouring blocks.
@@ -42,9 +45,20 @@ constexpr double kPixelsPerRay = 8.0 * 8.0;
 constexpr double kMinImageRays = 1024;
 constexpr double kMaxImageRays = 65536;
 
-// Returns the number of blocks on a side of the volume that is normal to `axis`.
-std::int64_t FaceBlocks(const math::Index3& block_dims, int axis) {
-  return block_dims[(axis + 1) % 3] * block_dims[(axis + 2) % 3];
+// Returns the number of faces that have a ray, on an axis of `block_count` blocks.
+std::int64_t FacesOn(std::int64_t block_count, std::int64_t stride) {
+  return (block_count + stride - 1) / stride;
+}
+
+// Returns the number of rays through a side of the volume that is normal to `axis`.
+std::int64_t SideRays(const math::Index3& block_dims, std::int64_t stride, int axis) {
+  return FacesOn(block_dims[(axis + 1) % 3], stride) * FacesOn(block_dims[(axis + 2) % 3], stride);
+}
+
+// Returns the number of rays through all sides.
+std::int64_t FaceRays(const math::Index3& block_dims, std::int64_t stride) {
+  return 2 * (SideRays(block_dims, stride, 0) + SideRays(block_dims, stride, 1) +
+              SideRays(block_dims, stride, 2));
 }
 
 // Sets to[to_begin + i] where from[from_begin + i] is set, for 0 <= i < count: bits, 64 to a word.
@@ -99,8 +113,10 @@ void EraseColumn(const math::Index3& dims, std::int64_t column, absl::Span<std::
   }
 }
 
-// Adds to a set of blocks all 26 neighbours of each: the neighbours along x, then the neighbours of
-// all these along y, then along z. Each is a shift of the whole set, by 1, dims.x or a slab of ids.
+}  // namespace
+
+// The neighbours along x, then those of all these along y, then along z. Each is a shift of the
+// whole set, by 1, dims.x or a slab of ids.
 void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
   const std::int64_t count = math::Volume(dims);
   const std::int64_t slab = dims.x * dims.y;
@@ -122,6 +138,8 @@ void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
   OrBits(before.words(), slab, count - slab, 0, grown);
   OrBits(before.words(), 0, count - slab, slab, grown);
 }
+
+namespace {
 
 // Aims the rays at a region: its centre becomes the middle of the image plane, its half sides the
 // plane's half sides, and everything outside the region is outside the frustum.
@@ -148,10 +166,15 @@ void AimAtRegion(const view::View& view, RayScene* scene) {
 
 }  // namespace
 
-RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed) {
+RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed,
+               std::int64_t max_face_rays) {
+  ISOSCOPE_CHECK_GE(max_face_rays, 6);
   scene_.block_dims = layout.block_dims();
+  while (FaceRays(scene_.block_dims, scene_.face_stride) > max_face_rays) {
+    ++scene_.face_stride;
+  }
+  face_ray_count_ = FaceRays(scene_.block_dims, scene_.face_stride);
   for (int axis = 0; axis < 3; ++axis) {
-    face_ray_count_ += 2 * FaceBlocks(layout.block_dims(), axis);
     scene_.block_size[axis] = static_cast<double>(layout.block_cells()[axis]);
     scene_.size[axis] = static_cast<double>(layout.sample_dims()[axis] - 1);
   }
@@ -190,14 +213,14 @@ RaySet::RowPart RaySet::RowPartAt(std::int64_t begin, std::int64_t end) const {
   if (begin < face_ray_count_) {
     offset = begin;
     part.row.axis = 0;
-    std::int64_t face_blocks = FaceBlocks(scene_.block_dims, 0);
-    while (offset >= 2 * face_blocks) {
-      offset -= 2 * face_blocks;
-      face_blocks = FaceBlocks(scene_.block_dims, ++part.row.axis);
+    std::int64_t side_rays = SideRays(scene_.block_dims, scene_.face_stride, 0);
+    while (offset >= 2 * side_rays) {
+      offset -= 2 * side_rays;
+      side_rays = SideRays(scene_.block_dims, scene_.face_stride, ++part.row.axis);
     }
-    part.row.is_upper = offset >= face_blocks;
-    offset -= part.row.is_upper ? face_blocks : 0;
-    columns = scene_.block_dims[(part.row.axis + 1) % 3];
+    part.row.is_upper = offset >= side_rays;
+    offset -= part.row.is_upper ? side_rays : 0;
+    columns = FacesOn(scene_.block_dims[(part.row.axis + 1) % 3], scene_.face_stride);
   }
   part.row.row = offset / columns;
   const std::int64_t step = offset % columns;
@@ -229,6 +252,21 @@ void RaySet::Cast(std::int64_t begin, std::int64_t end, const volume::BlockSet& 
     const RowPart part = RowPartAt(begin, end);
     CastRow(scene_, part.row, part.begin_column, part.begin_column + part.count,
             active.words().data(), hits->words().data());
+    begin += part.count;
+  }
+}
+
+void RaySet::Cast(std::int64_t begin, std::int64_t end, const volume::BlockTree& active,
+                  absl::Span<std::uint64_t> hits) const {
+  ISOSCOPE_CHECK_LE(0, begin);
+  ISOSCOPE_CHECK_LE(begin, end);
+  ISOSCOPE_CHECK_LE(end, count());
+  ISOSCOPE_CHECK(active.block_dims() == scene_.block_dims);
+  ISOSCOPE_CHECK_EQ(hits.size(), active.words().size());
+  const ActiveTree tree{active.brick_dims(), active.cells().data(), active.words().data()};
+  while (begin < end) {
+    const RowPart part = RowPartAt(begin, end);
+    CastRow(scene_, part.row, part.begin_column, part.begin_column + part.count, tree, hits.data());
     begin += part.count;
   }
 }

@@ -9,11 +9,14 @@
 #include <optional>
 #include <vector>
 
+#include "absl/types/span.h"
+
 #include "core/math/vec.h"
 #include "core/view/view.h"
 #include "core/visibility/ray_kernel.h"
 #include "core/volume/block_layout.h"
-#include "core/volume/range_table.h"
+#include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 
 namespace isoscope::visibility {
 
@@ -24,17 +27,24 @@ struct Ray {
 };
 
 // The rays of a frame, with ray indices 0 .. count() - 1 in spatially coherent order: first those
-// through the centres of all boundary faces of all boundary blocks, then those through random
-// points of the image plane. A ray is a pure function of (view, layout, seed, ray index): it does
+// through the centres of the boundary faces of boundary blocks, then those through random points of
+// the image plane. A ray is a pure function of (view, layout, seed, ray index): it does
 // not depend on the agent that casts it. Immutable; thread-safe. O(1) to make.
 class RaySet {
  public:
+  // More rays through faces would cost more than the picture has pixels to show.
+  static constexpr std::int64_t kMaxFaceRays = std::int64_t{1} << 18;
+
+  // All boundary faces have a ray if that makes at most max_face_rays, by default of up to 209^3
+  // blocks. Otherwise every n-th row and column of each side has, with the least n that is enough.
+  //
   // Random rays go through the cells of a grid over the picture, one through each: about one for
   // every 8 x 8 pixels, at least about 1024 and at most about 65536. A region of a viewport has at
   // most about one for every pixel, and only rays that meet it: they choose the blocks that may
   // hide others there.
-  // REQUIRES: the layout is that of the view's volume.
-  RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed);
+  // REQUIRES: the layout is that of the view's volume; max_face_rays >= 6.
+  RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed,
+         std::int64_t max_face_rays = kMaxFaceRays);
 
   [[nodiscard]] std::int64_t count() const { return face_ray_count_ + image_ray_count_; }
 
@@ -49,6 +59,10 @@ class RaySet {
   // Source: Amanatides and Woo 1987 (references.bib: amanatides-woo).
   void Cast(std::int64_t begin, std::int64_t end, const volume::BlockSet& active,
             volume::BlockSet* hits) const;
+  // Finds the same hits, and marks them in `hits`, which has the shape of active.words(). Rays cross
+  // empty cubes at once.
+  void Cast(std::int64_t begin, std::int64_t end, const volume::BlockTree& active,
+            absl::Span<std::uint64_t> hits) const;
 
  private:
   // Rays of successive indices in one row, as columns from left to right.
@@ -78,6 +92,11 @@ RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count);
 // number. O(blocks / 64).
 volume::BlockSet OccludingBlocks(const volume::BlockSet& hits, const volume::BlockLayout& layout,
                                  const volume::BlockSet& active);
+
+// Adds to a set of blocks all 26 neighbours of each. O(blocks / 64).
+//
+// dims: blocks on each axis
+void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks);
 
 }  // namespace isoscope::visibility
 

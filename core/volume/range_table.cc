@@ -24,6 +24,7 @@
 
 #include "core/base/check.h"
 #include "core/base/coding.h"
+#include "core/volume/active_spans.h"
 
 // This file is compiled once for each instruction set; the processor's best one is called.
 #undef HWY_TARGET_INCLUDE
@@ -130,13 +131,7 @@ void RangeTable::Set(BlockId id, const ScalarSpan& span) {
   });
 }
 
-ScalarSpan RangeTable::Get(BlockId id) const {
-  return VisitScalarType(type_, [&]<typename T>() {
-    const char* entry = bytes_.data() + 2 * sizeof(T) * id;
-    return ScalarSpan{static_cast<double>(base::LoadLittleEndian<T>(entry)),
-                      static_cast<double>(base::LoadLittleEndian<T>(entry + sizeof(T)))};
-  });
-}
+ScalarSpan RangeTable::Get(BlockId id) const { return SpanAt(type_, bytes_, id); }
 
 ScalarSpan RangeTable::Total() const {
   ScalarSpan total;
@@ -151,29 +146,42 @@ ScalarSpan RangeTable::Total() const {
 }
 
 BlockSet RangeTable::ActiveBlocks(double isovalue) const {
-  BlockSet active(block_count_);
-  HWY_DYNAMIC_DISPATCH(FindActiveBlocks)
-  (type_, bytes_.data(), static_cast<std::size_t>(block_count_), isovalue, active.words().data());
-  return active;
+  return ActiveBlocks(InsideRule::OfIsovalue(isovalue));
 }
 
 BlockSet RangeTable::ActiveBlocks(const InsideRule& rule) const {
-  if (!rule.has_labels()) {
-    return ActiveBlocks(rule.isovalue);
-  }
   BlockSet active(block_count_);
-  VisitScalarType(type_, [&]<typename T>() {
-    for (std::int64_t id = 0; id < block_count_; ++id) {
-      const char* const entry = bytes_.data() + 2 * sizeof(T) * static_cast<std::size_t>(id);
+  FindActiveSpans(type_, bytes_, rule, active.words());
+  return active;
+}
+
+ScalarSpan SpanAt(ScalarType type, absl::string_view bytes, std::int64_t index) {
+  return VisitScalarType(type, [&]<typename T>() {
+    const char* const entry = bytes.data() + 2 * sizeof(T) * static_cast<std::size_t>(index);
+    return ScalarSpan{static_cast<double>(base::LoadLittleEndian<T>(entry)),
+                      static_cast<double>(base::LoadLittleEndian<T>(entry + sizeof(T)))};
+  });
+}
+
+void FindActiveSpans(ScalarType type, absl::string_view bytes, const InsideRule& rule,
+                     absl::Span<std::uint64_t> words) {
+  const std::size_t count = bytes.size() / (2 * SizeOf(type));
+  ISOSCOPE_CHECK_EQ(words.size(), (count + 63) / 64);
+  if (!rule.has_labels()) {
+    HWY_DYNAMIC_DISPATCH(FindActiveBlocks)(type, bytes.data(), count, rule.isovalue, words.data());
+    return;
+  }
+  VisitScalarType(type, [&]<typename T>() {
+    for (std::size_t i = 0; i < count; ++i) {
+      const char* const entry = bytes.data() + 2 * sizeof(T) * i;
       const auto min = base::LoadLittleEndian<T>(entry);
       const auto max = base::LoadLittleEndian<T>(entry + sizeof(T));
       // Most blocks of a segmentation have one value: they need no search.
       if (min < max && rule.IsActive(static_cast<double>(min), static_cast<double>(max))) {
-        active.Insert(static_cast<BlockId>(id));
+        words[i / 64] |= std::uint64_t{1} << (i % 64);
       }
     }
   });
-  return active;
 }
 
 RangeTable RangeTable::FromBytes(ScalarType type, std::int64_t block_count, std::string bytes) {

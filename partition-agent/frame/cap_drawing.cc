@@ -109,8 +109,9 @@ class Drawing {
     ISOSCOPE_RETURN_IF_ERROR(ChooseBlocks());
     std::vector<char> is_painted(with_samples_.size(), 0);
     base::RunIn(resources_.arena, [&] {
-      tbb::parallel_for(std::size_t{0}, whole_.size(),
-                        [&](std::size_t i) { Paint(whole_[i], nullptr, {}); });
+      tbb::parallel_for(std::size_t{0}, whole_.size(), [&](std::size_t i) {
+        Paint(whole_[i].block, whole_[i].span, nullptr, {});
+      });
       tbb::parallel_for(std::size_t{0}, with_samples_.size(), [&](std::size_t i) {
         is_painted[i] = PaintCached(with_samples_[i]) ? 1 : 0;
       });
@@ -133,7 +134,7 @@ class Drawing {
         [&](std::size_t i, const volume::BlockSamples& samples,
             std::span<const volume::BlockSamples> fields) {
           const BlockToRead& block = to_read[i].block;
-          Paint(block, &samples, fields);
+          Paint(block, {}, &samples, fields);
           resources_.cache->OfferSamples(ShardOf(block), block.ordinal, samples);
           return cancellation_.Check();
         });
@@ -144,24 +145,40 @@ class Drawing {
     return *shards_[block.shard_index];
   }
 
+  // A block that is inside as a whole.
+  struct WholeBlock {
+    BlockToRead block;
+    volume::ScalarSpan span;
+  };
+
   absl::Status ChooseBlocks() {
     for (std::uint32_t shard = 0; shard < shards_.size(); ++shard) {
       const store::ShardReader& reader = *shards_[shard]->reader;
+      volume::BlockSpans spans = reader.Spans();
       for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-        const CapPainter::Need need = painter_.NeedOf(reader.block_id(ordinal), reader.ranges());
-        if (need != CapPainter::Need::kNothing) {
-          ISOSCOPE_RETURN_IF_ERROR(colors_.CheckBlock(shard, ordinal, reader.block_id(ordinal)));
-          (need == CapPainter::Need::kSpan ? whole_ : with_samples_).push_back({shard, ordinal});
+        const volume::BlockId id = reader.block_id(ordinal);
+        const CapPainter::Need need = painter_.NeedOf(id, &spans);
+        if (need == CapPainter::Need::kNothing) {
+          continue;
+        }
+        ISOSCOPE_RETURN_IF_ERROR(colors_.CheckBlock(shard, ordinal, id));
+        if (need == CapPainter::Need::kSpan) {
+          whole_.push_back({{shard, ordinal}, spans.Get(id)});
+        } else {
+          with_samples_.push_back({shard, ordinal});
         }
       }
+      ISOSCOPE_RETURN_IF_ERROR(spans.status());
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     }
     return absl::OkStatus();
   }
 
+  // span:    only of a block that is inside as a whole
   // samples: null if the block is inside as a whole
   // fields:  by volume of `colors_`
-  void Paint(const BlockToRead& block, const volume::BlockSamples* samples,
-             std::span<const volume::BlockSamples> fields) {
+  void Paint(const BlockToRead& block, const volume::ScalarSpan& span,
+             const volume::BlockSamples* samples, std::span<const volume::BlockSamples> fields) {
     if (cancellation_.is_cancelled()) {
       return;
     }
@@ -174,7 +191,7 @@ class Drawing {
     const store::ShardReader& reader = *ShardOf(block).reader;
     std::vector<CapFragment> fragments;
     painter_.Paint(
-        reader.block_id(block.ordinal), reader.ranges(), samples, by_surface,
+        reader.block_id(block.ordinal), span, samples, by_surface,
         [this](int x, int y, float depth) { return sink_.IsHidden(x, y, depth); },
         [&](const CapFragment& fragment) {
           fragments.push_back(fragment);
@@ -206,7 +223,7 @@ class Drawing {
       fields[*volume] = SamplesOf(field_shard, block.ordinal, *held.back());
     }
     const volume::BlockSamples samples = SamplesOf(shard, block.ordinal, *cached);
-    Paint(block, &samples, fields);
+    Paint(block, {}, &samples, fields);
     return true;
   }
 
@@ -217,8 +234,8 @@ class Drawing {
   const base::Cancellation& cancellation_;
   CapSink& sink_;
   std::vector<std::optional<std::size_t>> shown_volumes_;  // by surface: that its caps show
-  std::vector<BlockToRead> whole_;                         // blocks that are inside as a whole
-  std::vector<BlockToRead> with_samples_;                  // ascending
+  std::vector<WholeBlock> whole_;
+  std::vector<BlockToRead> with_samples_;  // ascending
 };
 
 }  // namespace

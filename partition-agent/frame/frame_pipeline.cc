@@ -389,9 +389,13 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
     return absl::InvalidArgumentError(
         "the map of the caps has no range; the coordinator must resolve it");
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+  const volume::GridGeometry& grid = first.manifest().geometry;
+  ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
                             view::View::Make(*task.spec.camera, task.spec.viewport,
-                                             first.manifest().geometry, task.spec.region));
+                                             task.whole.value_or(grid), task.spec.region));
+  if (task.whole.has_value()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(view, view.OnGrid(grid));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(ColorVolumes colors, ColorsOf(task.spec, shards, color_shards));
   return std::unique_ptr<FramePipeline>(
       new FramePipeline(std::move(shards), std::move(colors), task, view, resources, cancellation));

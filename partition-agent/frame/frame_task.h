@@ -4,16 +4,21 @@
 #define ISOSCOPE_PARTITION_AGENT_FRAME_FRAME_TASK_H_
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/frame/frame_spec.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/grid_geometry.h"
 
 namespace isoscope::agent {
 
 struct FrameTask {
   std::int64_t frame_number = 0;  // the coordinator's
-  frame::FrameSpec spec;          // with its camera
+  // With its camera; isovalues and ranges are of stored values (frame::InStoredValues).
+  frame::FrameSpec spec;
+  // The grid of level 0 if shards of another level are drawn: the frame has its clip planes.
+  std::optional<volume::GridGeometry> whole = std::nullopt;
   // The agent casts share agent_index of agent_count equal shares of the rays.
   int agent_index = 0;
   int agent_count = 1;

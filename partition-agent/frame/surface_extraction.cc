@@ -12,6 +12,31 @@
 #include "partition-agent/supply/block_reads.h"
 
 namespace isoscope::agent {
+namespace {
+
+// Returns the blocks that have a part of the closed surface. Errors are those of pages of spans.
+absl::StatusOr<std::vector<ChosenMesh>> ChooseForClosing(const SurfaceBlocks& blocks,
+                                                         const solid::SurfaceOptions& options,
+                                                         const base::Cancellation& cancellation) {
+  const store::ShardReader& first = *blocks.shards().front()->reader;
+  const view::Clipper clipper(options.clip, first.manifest().geometry);
+  std::vector<ChosenMesh> chosen;
+  for (std::uint32_t shard = 0; shard < blocks.shards().size(); ++shard) {
+    const store::ShardReader& reader = *blocks.shards()[shard]->reader;
+    volume::BlockSpans spans = reader.Spans();
+    for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+      const volume::BlockId id = reader.block_id(ordinal);
+      if (solid::MayHaveSurface(first.layout(), id, &spans, blocks.rules().front(), clipper)) {
+        chosen.push_back({.block_id = id, .ordinal = ordinal, .shard_index = shard});
+      }
+    }
+    ISOSCOPE_RETURN_IF_ERROR(spans.status());
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  }
+  return chosen;
+}
+
+}  // namespace
 
 absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
     Shards shards, const volume::InsideRule& rule, const solid::SurfaceOptions& options,
@@ -22,17 +47,24 @@ absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
       SurfaceBlocks::Find(std::move(shards), {rule}, resources.cache, *cancellation, &cost));
   blocks.EraseOutside(
       view::Clipper(options.clip, blocks.shards().front()->reader->manifest().geometry));
-  return std::unique_ptr<SurfaceExtraction>(
-      new SurfaceExtraction(std::move(blocks), options, resources, cancellation));
+  std::vector<ChosenMesh> chosen;
+  if (options.closes) {
+    ISOSCOPE_ASSIGN_OR_RETURN(chosen, ChooseForClosing(blocks, options, *cancellation));
+  } else {
+    chosen = blocks.ChooseAll();
+  }
+  return std::unique_ptr<SurfaceExtraction>(new SurfaceExtraction(
+      std::move(blocks), options, resources, cancellation, std::move(chosen)));
 }
 
 SurfaceExtraction::SurfaceExtraction(SurfaceBlocks blocks, const solid::SurfaceOptions& options,
                                      const AgentResources& resources,
-                                     const base::Cancellation* cancellation)
+                                     const base::Cancellation* cancellation,
+                                     std::vector<ChosenMesh> chosen)
     : blocks_(std::move(blocks)),
       resources_(resources),
       cancellation_(*cancellation),
-      chosen_(options.closes ? ChooseForClosing(options) : blocks_.ChooseAll()),
+      chosen_(std::move(chosen)),
       extractors_([this, options] {
         const Shard& shard = *blocks_.shards().front();
         return solid::BlockSurface(shard.reader->manifest().geometry, shard.reader->layout(),
@@ -40,24 +72,6 @@ SurfaceExtraction::SurfaceExtraction(SurfaceBlocks blocks, const solid::SurfaceO
       }) {
   std::sort(chosen_.begin(), chosen_.end(),
             [](const ChosenMesh& a, const ChosenMesh& b) { return a.block_id < b.block_id; });
-}
-
-std::vector<ChosenMesh> SurfaceExtraction::ChooseForClosing(
-    const solid::SurfaceOptions& options) const {
-  const store::ShardReader& first = *blocks_.shards().front()->reader;
-  const view::Clipper clipper(options.clip, first.manifest().geometry);
-  std::vector<ChosenMesh> chosen;
-  for (std::uint32_t shard = 0; shard < blocks_.shards().size(); ++shard) {
-    const store::ShardReader& reader = *blocks_.shards()[shard]->reader;
-    for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-      const volume::BlockId id = reader.block_id(ordinal);
-      if (solid::MayHaveSurface(first.layout(), id, reader.ranges(), blocks_.rules().front(),
-                                clipper)) {
-        chosen.push_back({.block_id = id, .ordinal = ordinal, .shard_index = shard});
-      }
-    }
-  }
-  return chosen;
 }
 
 solid::SurfaceSums SurfaceExtraction::sums() const {

@@ -49,10 +49,8 @@ class SurfaceExtraction {
 
  private:
   SurfaceExtraction(SurfaceBlocks blocks, const solid::SurfaceOptions& options,
-                    const AgentResources& resources, const base::Cancellation* cancellation);
-  // Returns the blocks that have a part of the closed surface.
-  [[nodiscard]] std::vector<ChosenMesh> ChooseForClosing(
-      const solid::SurfaceOptions& options) const;
+                    const AgentResources& resources, const base::Cancellation* cancellation,
+                    std::vector<ChosenMesh> chosen);
   absl::StatusOr<std::vector<mesh::BlockMesh>> Extract(std::span<const ChosenMesh> batch);
   std::span<const ChosenMesh> ChooseBatch();
 

@@ -3,8 +3,8 @@
 //   1/4          steps in work: ReserveStep waits until a step's bytes fit
 //   1/16, 1/32   images and layers that wait for the next step
 //   1/32         open volumes, if there are series
-//   the rest     in use with the shards open; the cache gets half of what is left, and allocators,
-//                stacks and messages the other half (Settle)
+//   the rest     in use with the shards open, and trees and pages of large volumes; the cache gets
+//                half of what is left, and allocators, stacks and messages the other half (Settle)
 //
 // A step's bytes are those of its pixels, and fixed shares for its meshes and reads. The shares get
 // smaller with step_count, so that this many steps fit at a time.
@@ -24,6 +24,7 @@
 #include "core/base/memory_info.h"
 #include "core/base/units.h"
 #include "core/store/shard_reader.h"
+#include "core/store/volume_ranges.h"
 
 namespace isoscope::agent {
 namespace {
@@ -96,7 +97,7 @@ absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
     // it again instead.
     base::ReturnFreedMemory();
   }
-  const std::size_t in_use = base::ResidentBytes();
+  const std::size_t in_use = base::ResidentBytes() + store::VolumeRanges::LaterBytes();
   const double rest_share = kRestShare - (has_series_.load() ? 1.0 / kOpenVolumesShare : 0.0);
   const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes() +
                                  unused_layer_bytes() +

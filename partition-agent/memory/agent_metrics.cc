@@ -102,7 +102,8 @@ void AddBlocks(const AgentMetrics& metrics, const AgentGauges& gauges, FamilyLis
 
 AgentMetrics::AgentMetrics()
     : requests_({"DescribeShards", "RenderFrame", "ExtractSurface", "GetShardHistogram",
-                 "GetActiveBox", "GetCellBox", "GetGradients"}) {}
+                 "GetActiveBox", "GetCellBox", "GetGradients", "GetDepthBounds",
+                 "GetResolvedBlocks"}) {}
 
 void AgentMetrics::CountRequest(AgentMethod method, const absl::Status& status,
                                 absl::Duration duration) {

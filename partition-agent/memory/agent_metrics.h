@@ -24,6 +24,8 @@ enum class AgentMethod {
   kGetActiveBox,
   kGetCellBox,
   kGetGradients,
+  kGetDepthBounds,
+  kGetResolvedBlocks,
 };
 
 // Present values that other objects keep.

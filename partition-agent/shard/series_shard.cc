@@ -27,6 +27,8 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/store/shard_format.h"
+#include "core/store/shard_levels.h"
+#include "core/volume/volume_level.h"
 
 namespace isoscope::agent {
 namespace {
@@ -131,9 +133,19 @@ std::shared_ptr<const SeriesShard::Served> SeriesShard::FindVolumes(
   served->manifest_crc32c = shard.manifest_crc32c;
   for (const store::ScalarVolume& volume : served->manifest.volumes) {
     // Partitioning and careful copies write the manifest of a folder last.
-    if (io::PathExists(ManifestPath(
-            absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume.key))))) {
-      served->volumes.push_back(volume);
+    const std::string directory = DirectoryOf(volume);
+    if (!io::PathExists(ManifestPath(directory))) {
+      served->lacks_folders = true;
+      continue;
+    }
+    served->volumes.push_back(volume);
+    std::vector<int>& levels = served->levels.emplace_back();
+    for (int level = 1; level <= volume.highest_level; ++level) {
+      if (io::PathExists(ManifestPath(store::LevelDirectory(directory, level)))) {
+        levels.push_back(level);
+      } else {
+        served->lacks_folders = true;
+      }
     }
   }
   return served;
@@ -166,8 +178,7 @@ void SeriesShard::Refresh() {
 void SeriesShard::RefreshAlone() {
   const std::shared_ptr<const Served> before = served();
   const io::FileStamp stamp = io::StampOf(ManifestPath(directory_));
-  const bool lacks_folders = before->volumes.size() < before->manifest.volumes.size();
-  if (stamp == stamp_ && !lacks_folders) {
+  if (stamp == stamp_ && !before->lacks_folders) {
     return;
   }
   absl::StatusOr<store::SeriesShard> shard = ReadAgain(*before);
@@ -230,8 +241,24 @@ std::string SeriesShard::IdOf(const store::ScalarVolumeKey& key) const {
   return found == served->volumes.end() ? "" : found->dataset_id;
 }
 
+double SeriesShard::ValueScaleOf(const std::string& dataset_id, int level) const {
+  const std::shared_ptr<const Served> served = this->served();
+  const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
+  if (level == 0 || volume == nullptr) {
+    return 1;
+  }
+  const store::Field& field = served->manifest.fields[static_cast<std::size_t>(volume->key.field)];
+  return volume::LevelValueScale(
+      field.components[static_cast<std::size_t>(volume->key.component)].scalar_type,
+      volume->level_filter);
+}
+
+std::string SeriesShard::DirectoryOf(const store::ScalarVolume& volume) const {
+  return absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume.key));
+}
+
 absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(const std::string& dataset_id,
-                                                                     Opening opening) {
+                                                                     Opening opening, int level) {
   const std::shared_ptr<const Served> served = this->served();
   const store::ScalarVolume* const volume = VolumeIn(*served, dataset_id);
   if (volume == nullptr) {
@@ -241,17 +268,20 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenVolume(const std::
   std::uint32_t number = 0;
   {
     const base::MutexLock lock(&mutex_);
-    const auto [entry, is_new] = numbers_.try_emplace(dataset_id, 0);
+    const auto filter = level == 0 ? volume::LevelFilter::kMean : volume->level_filter;
+    const auto [entry, is_new] = numbers_.try_emplace({dataset_id, level, filter}, 0);
     if (is_new) {
       entry->second = NextShardNumber();
     }
     number = entry->second;
   }
-  return opening == Opening::kAhead ? OpenNow(*volume, number) : OpenOnce(*volume, number);
+  const VolumeToOpen wanted{
+      .volume = *volume, .level = level, .number = number, .opening = opening};
+  return opening == Opening::kAhead ? OpenNow(wanted) : OpenOnce(wanted);
 }
 
-absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenOnce(
-    const store::ScalarVolume& volume, std::uint32_t number) {
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenOnce(const VolumeToOpen& wanted) {
+  const std::uint32_t number = wanted.number;
   {
     const base::MutexLock lock(&mutex_);
     opened_.Await(&mutex_,
@@ -263,23 +293,36 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenOnce(
     opening_.erase(number);
     opened_.SignalAll();
   };
-  return OpenNow(volume, number);
+  return OpenNow(wanted);
 }
 
-absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenNow(const store::ScalarVolume& volume,
-                                                                  std::uint32_t number) const {
-  if (std::shared_ptr<const Shard> open = open_volumes_->Find(number)) {
+absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::OpenNow(const VolumeToOpen& wanted) {
+  if (std::shared_ptr<const Shard> open = open_volumes_->Find(wanted.number)) {
     return open;
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(volume, number));
+  if (wanted.level == 0) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, ReadVolume(wanted));
+    return open_volumes_->Add(std::move(shard));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> whole,
+                            OpenVolume(wanted.volume.dataset_id, wanted.opening));
+  const store::Manifest& manifest = whole->reader->manifest();
+  if (manifest.highest_level() != wanted.volume.highest_level ||
+      manifest.level_filter != wanted.volume.level_filter) {
+    // Levels were added or dropped since: a frame of level 0 needs nothing of that, this one does.
+    ISOSCOPE_ASSIGN_OR_RETURN(whole, ReadVolume(wanted));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
+                            OpenLevel(*whole, wanted.level, wanted.number));
   return open_volumes_->Add(std::move(shard));
 }
 
 absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
-    const store::ScalarVolume& volume, std::uint32_t number) const {
-  const std::string directory =
-      absl::StrCat(directory_, "/", store::ScalarVolumeDirectoryName(volume.key));
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard, OpenShard(directory, number));
+    const VolumeToOpen& wanted) const {
+  const store::ScalarVolume& volume = wanted.volume;
+  const std::string directory = DirectoryOf(volume);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
+                            OpenShard(directory, wanted.number));
   if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||
       shard->reader->shard_index() != shard_index_) {
     return absl::DataLossError(absl::StrCat(

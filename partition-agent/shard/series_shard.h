@@ -22,6 +22,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -31,6 +32,7 @@
 #include "core/base/mutex.h"
 #include "core/io/file_stamp.h"
 #include "core/store/series_manifest.h"
+#include "core/volume/volume_level.h"
 #include "partition-agent/shard/shard.h"
 
 namespace isoscope::agent {
@@ -69,6 +71,8 @@ class SeriesShard {
     store::SeriesManifest manifest;
     std::uint32_t manifest_crc32c = 0;
     std::vector<store::ScalarVolume> volumes;  // whose folders are there, ascending by key
+    std::vector<std::vector<int>> levels;      // of each volume: those whose folders are there
+    bool lacks_folders = false;                // of volumes or levels that the manifest names
   };
 
   // The steps of one field's component that are served, and one of them.
@@ -110,10 +114,16 @@ class SeriesShard {
   //
   // kForFrame: several threads open it once. kAhead: nobody waits for this thread, whose priority
   // is low; then a frame may open the volume, too, and one of both is kept.
+  //
+  // level: 0, or a level of the volume, which opens level 0, too. FAILED_PRECONDITION if it is not
+  //        there
   enum class Opening { kForFrame, kAhead };
   absl::StatusOr<std::shared_ptr<const Shard>> OpenVolume(const std::string& dataset_id,
-                                                          Opening opening = Opening::kForFrame)
+                                                          Opening opening = Opening::kForFrame,
+                                                          int level = 0)
       ABSL_LOCKS_EXCLUDED(mutex_);
+  // Returns volume::VolumeLevel::value_scale of a level of the volume; 1 if it is not served.
+  [[nodiscard]] double ValueScaleOf(const std::string& dataset_id, int level) const;
 
  private:
   SeriesShard(std::string directory, std::shared_ptr<OpenVolumes> open_volumes,
@@ -123,13 +133,20 @@ class SeriesShard {
         read_manifest_(std::move(read_manifest)) {}
 
   void RefreshAlone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(refreshing_) ABSL_LOCKS_EXCLUDED(mutex_);
-  absl::StatusOr<std::shared_ptr<const Shard>> OpenOnce(const store::ScalarVolume& volume,
-                                                        std::uint32_t number)
+  // A level of a volume, and its number (Shard::number).
+  struct VolumeToOpen {
+    const store::ScalarVolume& volume;
+    int level = 0;
+    std::uint32_t number = 0;
+    Opening opening = Opening::kForFrame;
+  };
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenOnce(const VolumeToOpen& wanted)
       ABSL_LOCKS_EXCLUDED(mutex_);
-  [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> OpenNow(
-      const store::ScalarVolume& volume, std::uint32_t number) const;
+  absl::StatusOr<std::shared_ptr<const Shard>> OpenNow(const VolumeToOpen& wanted);
+  // Reads the files of level 0.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const Shard>> ReadVolume(
-      const store::ScalarVolume& volume, std::uint32_t number) const;
+      const VolumeToOpen& wanted) const;
+  [[nodiscard]] std::string DirectoryOf(const store::ScalarVolume& volume) const;
   // OpenSeriesShard, of the same shard of the same series.
   [[nodiscard]] absl::StatusOr<store::SeriesShard> ReadAgain(const Served& before) const;
 
@@ -149,8 +166,9 @@ class SeriesShard {
   std::string last_error_ ABSL_GUARDED_BY(refreshing_);  // each is logged once
   mutable base::Mutex mutex_;
   std::shared_ptr<const Served> served_ ABSL_GUARDED_BY(mutex_);
-  // By dataset id, of volumes that were opened once.
-  std::map<std::string, std::uint32_t> numbers_ ABSL_GUARDED_BY(mutex_);
+  // Of volumes that were opened once, by dataset id, level and filter.
+  std::map<std::tuple<std::string, int, volume::LevelFilter>, std::uint32_t> numbers_
+      ABSL_GUARDED_BY(mutex_);
   std::set<std::uint32_t> opening_ ABSL_GUARDED_BY(mutex_);  // numbers of volumes
   base::CondVar opened_;
 };

@@ -24,6 +24,8 @@ struct Shard {
   std::unique_ptr<store::ShardReader> reader;
   std::unique_ptr<index::IntervalTree> tree;
   std::shared_ptr<const extract::BlockShapes> shapes;  // for the extraction of its blocks
+  // Levels 1, 2, ...; null where the shard lacks one. Only of OpenShardWithLevels.
+  std::vector<std::shared_ptr<const Shard>> levels = {};
 };
 
 // Shards of one dataset, unless said otherwise.
@@ -41,6 +43,17 @@ std::uint32_t NextShardNumber();
 absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(
     const std::string& directory, std::uint32_t number = NextShardNumber(),
     const store::OpenFile& open_file = io::OpenRandomAccessFile);
+
+// Opens a level >= 1 of a shard: a shard of its own, of stored values (core/store/shard_levels.h).
+// FAILED_PRECONDITION if the shard lacks it. Other errors as OpenShard.
+absl::StatusOr<std::shared_ptr<const Shard>> OpenLevel(
+    const Shard& shard, int level, std::uint32_t number = NextShardNumber(),
+    const store::OpenFile& open_file = io::OpenRandomAccessFile);
+
+// Opens a shard with its levels. One that is missing or damaged is logged, and left out: the rest
+// can be drawn. Errors as OpenShard.
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShardWithLevels(
+    const std::string& directory, const store::OpenFile& open_file = io::OpenRandomAccessFile);
 
 }  // namespace isoscope::agent
 

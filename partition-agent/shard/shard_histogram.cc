@@ -27,6 +27,7 @@
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_spans.h"
 
 namespace isoscope::agent {
 namespace {
@@ -55,13 +56,14 @@ absl::StatusOr<std::optional<volume::SampleHistogram>> SamplesOf(const Shards& s
 
 // The bins of a volume whose samples were not counted. Infinite samples hide the range of the
 // finite ones in their blocks.
-volume::HistogramBins BinsFromRanges(const store::ShardReader& reader) {
+absl::StatusOr<volume::HistogramBins> BinsFromRanges(const store::ShardReader& reader) {
   const store::Manifest& manifest = reader.manifest();
   volume::ScalarSpan range = manifest.finite_range.value_or(manifest.value_range);
   if (!manifest.finite_range.has_value() && !volume::IsFinite(range)) {
     range = {};
-    for (std::int64_t id = 0; id < reader.ranges().block_count(); ++id) {
-      const volume::ScalarSpan span = reader.ranges().Get(static_cast<volume::BlockId>(id));
+    volume::BlockSpans spans = reader.Spans();
+    for (std::int64_t id = 0; id < reader.layout().block_count(); ++id) {
+      const volume::ScalarSpan span = spans.Get(static_cast<volume::BlockId>(id));
       for (const double end : {span.min, span.max}) {
         if (span.min <= span.max && std::isfinite(end)) {
           range.min = std::min(range.min, end);
@@ -69,6 +71,7 @@ volume::HistogramBins BinsFromRanges(const store::ShardReader& reader) {
         }
       }
     }
+    ISOSCOPE_RETURN_IF_ERROR(spans.status());
   }
   return volume::BinsOf(manifest.scalar_type, range);
 }
@@ -124,31 +127,33 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
   volume::HistogramPart part;
   part.value_range = shards.front()->reader->manifest().value_range;
   ISOSCOPE_ASSIGN_OR_RETURN(part.samples, SamplesOf(shards));
-  const volume::HistogramBins bins =
-      part.samples.has_value() ? part.samples->bins : BinsFromRanges(*shards.front()->reader);
+  volume::HistogramBins bins;
+  if (part.samples.has_value()) {
+    bins = part.samples->bins;
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(bins, BinsFromRanges(*shards.front()->reader));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(part.groups, volume::GroupBins(bins, max_bin_count, range));
   CostSums sums(part.groups);
   for (const std::shared_ptr<const Shard>& shard : shards) {
     const store::ShardReader& reader = *shard->reader;
+    volume::BlockSpans spans = reader.Spans();
     for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
       const volume::BlockId id = reader.block_id(ordinal);
-      sums.Add(reader.ranges().Get(id), reader.stored_bytes(ordinal),
+      sums.Add(spans.Get(id), reader.stored_bytes(ordinal),
                volume::EstimateTriangles(reader.layout().CellsOf(id).dims()));
     }
+    ISOSCOPE_RETURN_IF_ERROR(spans.status());
   }
   sums.MoveTo(&part);
   return part;
 }
 
-ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<volume::InsideRule>& rules, const view::Clipper& clipper) {
-  volume::BlockSet active(layout.block_count());
-  for (const volume::InsideRule& rule : rules) {
-    active.UnionWith(ranges.ActiveBlocks(rule));
-  }
-  clipper.EraseOutside(layout, &active);
+namespace {
+
+ActiveBox BoxAround(const volume::BlockLayout& layout, const std::vector<volume::BlockId>& ids) {
   ActiveBox box;
-  for (const volume::BlockId id : active.Ids()) {
+  for (const volume::BlockId id : ids) {
     const math::IndexBox cells = layout.CellsOf(id);
     for (int axis = 0; axis < 3; ++axis) {
       box.cells.begin[axis] = box.block_count == 0
@@ -159,6 +164,39 @@ ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTabl
     ++box.block_count;
   }
   return box;
+}
+
+}  // namespace
+
+ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
+                      const std::vector<volume::InsideRule>& rules, const view::Clipper& clipper) {
+  volume::BlockSet active(layout.block_count());
+  for (const volume::InsideRule& rule : rules) {
+    active.UnionWith(ranges.ActiveBlocks(rule));
+  }
+  clipper.EraseOutside(layout, &active);
+  return BoxAround(layout, active.Ids());
+}
+
+absl::StatusOr<ActiveBox> ActiveBoxOf(const store::ShardReader& reader,
+                                      const std::vector<volume::InsideRule>& rules,
+                                      const view::Clipper& clipper, std::int64_t max_dense_blocks) {
+  const volume::BlockLayout& layout = reader.layout();
+  if (layout.block_count() <= max_dense_blocks) {
+    return ActiveBoxOf(layout, reader.ranges(), rules, clipper);
+  }
+  volume::BlockTree active(layout.block_dims(), absl::Span<const volume::BlockTree::Brick>());
+  for (const volume::InsideRule& rule : rules) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> tree,
+                              reader.ActiveTree(rule));
+    active = volume::BlockTree::Union({&active, tree.get()});
+  }
+  if (!clipper.empty()) {
+    active = active.Filtered([&](const math::Index3& index) {
+      return clipper.SideOf(layout, layout.IdOf(index)) != view::Clipper::Side::kOutside;
+    });
+  }
+  return BoxAround(layout, active.Ids());
 }
 
 }  // namespace isoscope::agent

@@ -13,6 +13,7 @@
 
 #include "core/math/box.h"
 #include "core/view/clip_region.h"
+#include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
@@ -40,6 +41,12 @@ struct ActiveBox {
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
                       const std::vector<volume::InsideRule>& rules,
                       const view::Clipper& clipper = {});
+// The same of a shard's volume. One with more than `max_dense_blocks` blocks is asked by its octree of
+// spans; errors are those of ShardReader::ActiveTree.
+absl::StatusOr<ActiveBox> ActiveBoxOf(const store::ShardReader& reader,
+                                      const std::vector<volume::InsideRule>& rules,
+                                      const view::Clipper& clipper,
+                                      std::int64_t max_dense_blocks = volume::kMaxDenseBlocks);
 
 }  // namespace isoscope::agent
 

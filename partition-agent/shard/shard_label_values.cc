@@ -40,7 +40,8 @@ absl::StatusOr<volume::LabelValues> LabelValuesOfShards(const Shards& shards, st
     const store::ShardReader& reader = *shard->reader;
     std::vector<std::uint32_t> ordinals;
     for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-      const volume::ScalarSpan span = reader.ranges().Get(reader.block_id(ordinal));
+      ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan span,
+                                reader.SpanOf(reader.block_id(ordinal)));
       if (span.min < span.max) {
         ordinals.push_back(ordinal);
       } else if (span.min == span.max) {

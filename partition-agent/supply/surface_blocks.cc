@@ -1,9 +1,8 @@
 // Find, for each shard and each surface:
 //
 //   1. The list of active blocks may be in the cache, from an earlier frame.
-//   2. For an isovalue, the interval tree is queried. The blocks come in any order; the rank of an
-//      id in the set of all is its index in the list, which is cheaper than sorting.
-//   3. For labels, the range table in memory is scanned once.
+//   2. For an isovalue, the interval tree is queried. The blocks come in any order (Sorted).
+//   3. For labels, the range table says which blocks are active.
 //
 // Invariant: a list is ascending by block id, and its ordinals agree with the block index.
 
@@ -18,18 +17,51 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/frame/frame_spec.h"
+#include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 
 namespace isoscope::agent {
 namespace {
 
 using ActiveList = std::shared_ptr<const std::vector<ActiveBlock>>;
 
-absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexCost* cost) {
+bool HasLessId(const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; }
+
+// Returns the blocks of a query, ascending. The rank of an id among all is its index in the list: in
+// a set that is small, this is cheaper than sorting.
+ActiveList Sorted(const std::vector<index::BlockInterval>& found, std::int64_t block_count,
+                  bool is_large) {
+  auto active = std::make_shared<std::vector<ActiveBlock>>();
+  if (is_large) {
+    active->reserve(found.size());
+    for (const index::BlockInterval& interval : found) {
+      active->push_back({interval.block_id, interval.ordinal});
+    }
+    std::sort(active->begin(), active->end(), HasLessId);
+    const auto has_same_id = [](const ActiveBlock& a, const ActiveBlock& b) {
+      return a.block_id == b.block_id;
+    };
+    active->erase(std::unique(active->begin(), active->end(), has_same_id), active->end());
+    return active;
+  }
+  volume::BlockSet ids(block_count);
+  for (const index::BlockInterval& interval : found) {
+    ids.Insert(interval.block_id);
+  }
+  const volume::BlockRanks ranks(ids);
+  active->resize(ranks.count());
+  for (const index::BlockInterval& interval : found) {
+    (*active)[ranks.RankOf(interval.block_id)] = {interval.block_id, interval.ordinal};
+  }
+  return active;
+}
+
+absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, bool is_large,
+                                     IndexCost* cost) {
   ISOSCOPE_ASSIGN_OR_RETURN(const index::QueryResult result, shard.tree->Query(isovalue));
   cost->page_read_count += result.page_read_count;
   cost->read_bytes += result.read_bytes;
   const store::ShardReader& reader = *shard.reader;
-  volume::BlockSet ids(reader.layout().block_count());
   for (const index::BlockInterval& interval : result.active) {
     if (interval.ordinal >= reader.block_count() ||
         reader.block_id(interval.ordinal) != interval.block_id) {
@@ -38,30 +70,36 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
           "another",
           reader.directory(), interval.block_id, interval.ordinal, reader.block_count()));
     }
-    ids.Insert(interval.block_id);
   }
-  // The rank of a block's id is its index in the result. This is cheaper than sorting.
-  const volume::BlockRanks ranks(ids);
-  auto active = std::make_shared<std::vector<ActiveBlock>>(ranks.count());
-  for (const index::BlockInterval& interval : result.active) {
-    (*active)[ranks.RankOf(interval.block_id)] = {interval.block_id, interval.ordinal};
+  return Sorted(result.active, reader.layout().block_count(), is_large);
+}
+
+// Returns the blocks of a shard that are in `volume_blocks`, in any order.
+template <typename Blocks>
+std::vector<ActiveBlock> MembersOf(const store::ShardReader& reader, const Blocks& volume_blocks) {
+  std::vector<ActiveBlock> members;
+  for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+    if (volume_blocks.Contains(reader.block_id(ordinal))) {
+      members.push_back({reader.block_id(ordinal), ordinal});
+    }
   }
-  return active;
+  return members;
 }
 
 // A surface of labels meets the blocks of many stabs of the tree, and mostly the same ones. The
-// range table, which is in memory, has them all in one pass.
-ActiveList BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule) {
+// range table has them all: in one pass, or by its octree if it is large.
+absl::StatusOr<ActiveList> BlocksOfLabels(const Shard& shard, const volume::InsideRule& rule,
+                                          bool is_large) {
   const store::ShardReader& reader = *shard.reader;
-  const std::shared_ptr<const volume::BlockSet> volume_blocks = reader.ActiveBlocks(rule);
   auto active = std::make_shared<std::vector<ActiveBlock>>();
-  for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
-    if (volume_blocks->Contains(reader.block_id(ordinal))) {
-      active->push_back({reader.block_id(ordinal), ordinal});
-    }
+  if (is_large) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const volume::BlockTree> volume_blocks,
+                              reader.ActiveTree(rule));
+    *active = MembersOf(reader, *volume_blocks);
+  } else {
+    *active = MembersOf(reader, *reader.ActiveBlocks(rule));
   }
-  std::sort(active->begin(), active->end(),
-            [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
+  std::sort(active->begin(), active->end(), HasLessId);
   active->shrink_to_fit();
   return active;
 }
@@ -81,11 +119,12 @@ absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards,
                                                   std::vector<volume::InsideRule> rules,
                                                   BlockCache* cache,
                                                   const base::Cancellation& cancellation,
-                                                  IndexCost* cost) {
+                                                  IndexCost* cost, std::int64_t max_dense_blocks) {
   ISOSCOPE_CHECK(!shards.empty() && !rules.empty());
   SurfaceBlocks blocks;
   blocks.shards_ = std::move(shards);
   blocks.rules_ = std::move(rules);
+  blocks.is_large_ = blocks.shards_.front()->reader->layout().block_count() > max_dense_blocks;
   for (const std::shared_ptr<const Shard>& shard : blocks.shards_) {
     for (const volume::InsideRule& rule : blocks.rules_) {
       ActiveList active = cache == nullptr ? nullptr : cache->FindActive(*shard, rule);
@@ -93,9 +132,10 @@ absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(Shards shards,
       if (active == nullptr) {
         ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
         if (rule.has_labels()) {
-          active = BlocksOfLabels(*shard, rule);
+          ISOSCOPE_ASSIGN_OR_RETURN(active, BlocksOfLabels(*shard, rule, blocks.is_large_));
         } else {
-          ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard, rule.isovalue, cost));
+          ISOSCOPE_ASSIGN_OR_RETURN(active,
+                                    QueryTree(*shard, rule.isovalue, blocks.is_large_, cost));
         }
         if (cache != nullptr) {
           cache->InsertActive(*shard, rule, active);
@@ -112,39 +152,46 @@ void SurfaceBlocks::EraseOutside(const view::Clipper& clipper) {
     return;
   }
   const volume::BlockLayout& layout = shards_.front()->reader->layout();
-  volume::BlockSet shown(layout.block_count());
-  for (const volume::BlockId id : Ids()) {
-    shown.Insert(id);
+  is_shown_.clear();
+  for (const ActiveList& active : active_) {
+    std::vector<bool>& is_shown = is_shown_.emplace_back(active->size());
+    for (std::size_t i = 0; i < active->size(); ++i) {
+      is_shown[i] = clipper.SideOf(layout, (*active)[i].block_id) != view::Clipper::Side::kOutside;
+    }
   }
-  clipper.EraseOutside(layout, &shown);
-  shown_ = std::move(shown);
 }
 
 std::int64_t SurfaceBlocks::block_count() const {
-  if (shown_) {
-    return shown_->Count();
-  }
   if (rules_.size() > 1) {
     return static_cast<std::int64_t>(Ids().size());
   }
   std::int64_t count = 0;
-  for (const ActiveList& active : active_) {
-    count += static_cast<std::int64_t>(active->size());
+  for (std::size_t list = 0; list < active_.size(); ++list) {
+    count += is_shown_.empty() ? static_cast<std::int64_t>(active_[list]->size())
+                               : std::count(is_shown_[list].begin(), is_shown_[list].end(), true);
   }
   return count;
 }
 
 std::vector<volume::BlockId> SurfaceBlocks::Ids() const {
-  if (shown_) {
-    return shown_->Ids();
-  }
-  volume::BlockSet ids(shards_.front()->reader->layout().block_count());
-  for (const ActiveList& active : active_) {
-    for (const ActiveBlock& block : *active) {
-      ids.Insert(block.block_id);
+  std::vector<volume::BlockId> ids;
+  for (std::size_t list = 0; list < active_.size(); ++list) {
+    const std::vector<ActiveBlock>& active = *active_[list];
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      if (IsShown(list, i)) {
+        ids.push_back(active[i].block_id);
+      }
     }
   }
-  return ids.Ids();
+  if (active_.size() == 1) {
+    return ids;
+  }
+  if (!is_large_) {
+    return volume::BlockSet(shards_.front()->reader->layout().block_count(), ids).Ids();
+  }
+  std::sort(ids.begin(), ids.end());
+  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+  return ids;
 }
 
 std::vector<ChosenMesh> SurfaceBlocks::ChooseAll() const {
@@ -154,7 +201,7 @@ std::vector<ChosenMesh> SurfaceBlocks::ChooseAll() const {
       const std::vector<ActiveBlock>& active = ActiveOf(shard, surface);
       chosen.reserve(chosen.size() + active.size());
       for (std::size_t i = 0; i < active.size(); ++i) {
-        if (IsShown(active[i].block_id)) {
+        if (IsShown(shard * rules_.size() + surface, i)) {
           chosen.push_back(MeshAt(active, i, shard, surface));
         }
       }
@@ -177,7 +224,7 @@ absl::StatusOr<std::vector<ChosenMesh>> SurfaceBlocks::Choose(
           ++id_index;
         }
         if (id_index < ids.size() && ids[id_index] == active[i].block_id &&
-            IsShown(active[i].block_id)) {
+            IsShown(shard * rules_.size() + surface, i)) {
           is_found[id_index] = 1;
           chosen.push_back(MeshAt(active, i, shard, surface));
         }

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -15,7 +14,7 @@
 #include "core/image/pixel_mask.h"
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
-#include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 #include "core/volume/inside_rule.h"
 #include "partition-agent/cache/block_cache.h"
 #include "partition-agent/shard/shard.h"
@@ -44,17 +43,21 @@ struct IndexCost {
   std::int64_t queried_list_count = 0;
 };
 
-// Immutable; thread-safe. A block counts once, however many surfaces meet it.
+// Immutable; thread-safe. A block counts once, however many surfaces meet it. Memory: the lists, and
+// a bit for each of their blocks; of volumes of up to volume::kMaxDenseBlocks blocks, some sets of
+// half a megabyte on the way.
 class SurfaceBlocks {
  public:
   // Asks the cache, which may be null, then for isovalues the interval trees, for labels the range
   // table. Adds to `cost`. Errors are those of IntervalTree::Query; also DATA_LOSS if a tree
   // contradicts the block index of its shard.
+  // max_dense_blocks: lists of a volume with more blocks are sorted, without sets: the same lists
+  //
   // REQUIRES: at least one shard, all of one dataset; at least one rule; isovalues are finite.
-  static absl::StatusOr<SurfaceBlocks> Find(Shards shards, std::vector<volume::InsideRule> rules,
-                                            BlockCache* cache,
-                                            const base::Cancellation& cancellation,
-                                            IndexCost* cost);
+  static absl::StatusOr<SurfaceBlocks> Find(
+      Shards shards, std::vector<volume::InsideRule> rules, BlockCache* cache,
+      const base::Cancellation& cancellation, IndexCost* cost,
+      std::int64_t max_dense_blocks = volume::kMaxDenseBlocks);
 
   [[nodiscard]] const Shards& shards() const { return shards_; }
   // By surface.
@@ -82,12 +85,17 @@ class SurfaceBlocks {
  private:
   SurfaceBlocks() = default;
 
-  [[nodiscard]] bool IsShown(volume::BlockId id) const { return !shown_ || shown_->Contains(id); }
+  // list, i: in active_, and in that list
+  [[nodiscard]] bool IsShown(std::size_t list, std::size_t i) const {
+    return is_shown_.empty() || is_shown_[list][i];
+  }
 
   Shards shards_;
+  bool is_large_ = false;  // more than max_dense_blocks
   std::vector<volume::InsideRule> rules_;
   std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> active_;  // by shard, surface
-  std::optional<volume::BlockSet> shown_;  // not set: all active blocks
+  // Of each list of active_, for each of its blocks; empty: all are shown.
+  std::vector<std::vector<bool>> is_shown_;
 };
 
 }  // namespace isoscope::agent

@@ -2,7 +2,8 @@
 //
 //   9/16   frames, with their traces
 //   1/8    exports; at least 24 MiB
-//   1/8    images between frames; at most 384 MiB
+//   1/32   pixels between the tiles of pictures; at least 6 MiB
+//   3/32   images between frames: what pixels of tiles leave of 1/8; at most 384 MiB
 //   1/16   active blocks between frames; at most 64 MiB
 //   1/8    the process and gRPC
 //
@@ -36,6 +37,7 @@
 
 #include "core/base/check.h"
 #include "core/base/memory_info.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/frame/drawn_window.h"
@@ -55,6 +57,8 @@ constexpr std::size_t kFrameShare = 16;       // 9 of 16
 constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of eight agents
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
+constexpr std::size_t kTilesShare = 32;                 // out of that of unused images
+constexpr std::size_t kMinTilesBytes = 6 * base::kMiB;  // 1024 x 1024 pixels, and sets of blocks
 constexpr std::size_t kProgramBytes = 64 * base::kMiB;
 constexpr std::size_t kTraceShare = 8;  // of one frame, out of the frames' share
 constexpr std::size_t kMaxTraceBytes = 32 * base::kMiB;
@@ -69,6 +73,10 @@ std::size_t BandShareOf(std::size_t bytes) { return bytes / 4 * 3; }
 std::size_t BytesBesideAgents(std::size_t limit_bytes) {
   const std::size_t left = limit_bytes / 8 * 5;
   return std::max(left - std::min(left, kProgramBytes), limit_bytes / 8);
+}
+
+std::size_t TilesBytesOf(std::size_t limit_bytes) {
+  return std::max(limit_bytes / kTilesShare, kMinTilesBytes);
 }
 
 // The share of frames.
@@ -138,14 +146,17 @@ CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes, AgentLimit agent_l
     : limit_bytes_(limit_bytes),
       agent_limit_(std::move(agent_limit)),
       frames_(FrameCapacity(limit_bytes)),
-      exports_(
-          std::max(limit_bytes / kExportShare, kExportAnswerBytes + 8 * kExportBytesPerAgent)) {
+      exports_(std::max(limit_bytes / kExportShare, kExportAnswerBytes + 8 * kExportBytesPerAgent)),
+      tiles_(TilesBytesOf(limit_bytes)) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
 }
 
 std::size_t CoordinatorMemory::unused_image_bytes() const {
-  return std::min(limit_bytes_ / kUnusedImageShare, kMaxUnusedImageBytes);
+  return std::min(limit_bytes_ / kUnusedImageShare - TilesBytesOf(limit_bytes_),
+                  kMaxUnusedImageBytes);
 }
+
+std::size_t CoordinatorMemory::tiles_bytes() const { return tiles_.capacity_bytes(); }
 
 std::size_t CoordinatorMemory::active_blocks_bytes() const {
   return std::min(limit_bytes_ / kActiveBlocksShare, kMaxActiveBlocksBytes);
@@ -340,6 +351,17 @@ absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
     const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t bytes, BytesToReserve(*this, spec, wish));
   return frames_.Reserve(bytes + TraceBytesOf(limit_bytes_, wish), cancellation);
+}
+
+std::optional<base::MemoryBudget::Reservation> CoordinatorMemory::TryKeepTiles(std::size_t bytes) {
+  if (tiles_.reserved_bytes() + bytes > tiles_.capacity_bytes()) {
+    return std::nullopt;
+  }
+  // Another view may take it in between. Then this one waits a moment for what it gives back.
+  constexpr absl::Duration kMoment = absl::Milliseconds(1);
+  const base::Cancellation soon(base::MonotonicNow() + kMoment);
+  absl::StatusOr<base::MemoryBudget::Reservation> kept = tiles_.Reserve(bytes, soon);
+  return kept.ok() ? std::optional(*std::move(kept)) : std::nullopt;
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveExport(

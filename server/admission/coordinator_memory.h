@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -54,6 +55,8 @@ class CoordinatorMemory {
   // The limits of data that is kept between frames: images that no frame uses, and active blocks.
   [[nodiscard]] std::size_t unused_image_bytes() const;
   [[nodiscard]] std::size_t active_blocks_bytes() const;
+  // The limit of pixels that views keep between the tiles of their pictures.
+  [[nodiscard]] std::size_t tiles_bytes() const;
 
   [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
   // The bytes that frames and exports have reserved.
@@ -71,6 +74,9 @@ class CoordinatorMemory {
   // if it fires first. A frame in bands leaves a quarter of what its answer leaves to others.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation);
+  // Takes memory for the pixels of a picture between its tiles; none if there is not enough now. Does
+  // not wait: who keeps it waits for frames, and would hold up others that wait for it.
+  std::optional<base::MemoryBudget::Reservation> TryKeepTiles(std::size_t bytes);
   // Returns the bands in which a frame is drawn that has its memory: one if it is drawn at once.
   // With max_drawn_pixels it is drawn in bands even if it fits, within what ReserveFrame has taken
   // to draw it at once. CULLING_MASK is always drawn at once. Errors as CheckFits.
@@ -122,6 +128,7 @@ class CoordinatorMemory {
   const AgentLimit agent_limit_;
   base::MemoryBudget frames_;
   base::MemoryBudget exports_;
+  base::MemoryBudget tiles_;
 };
 
 }  // namespace isoscope::server

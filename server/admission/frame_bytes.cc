@@ -57,7 +57,17 @@ std::size_t CompressedBytes(const frame::FrameSpec& spec) {
              : pixels * kPictureBytesPerPixel;
 }
 
-// The images of a frame that is drawn at once.
+// While agents answer for the plane of bounds: their answers, one of them unpacked, and the union.
+std::size_t BoundsBytes(const frame::FrameSpec& spec) {
+  constexpr std::size_t kCopies = 3;
+  return spec.output.depth_bounds
+             ? std::min(PixelsOf(frame::ImageSizeOf(spec)), frame::kMaxBoundsPixels) * kCopies *
+                   frame::kDepthBoundsBytes
+             : 0;
+}
+
+// The images of a frame that is drawn at once. They are gone before bounds are asked for, which take
+// less.
 std::size_t DrawnBytes(const frame::FrameSpec& spec) {
   const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
   return PixelsOf(window.image_size()) *
@@ -112,9 +122,10 @@ BandedBytes BandedBytesOf(const frame::FrameSpec& spec, const view::Viewport& ba
   // Its images, its planes, and the pixels of its row of bands.
   bytes.band = DrawnBytes(BandInTheMiddle(spec, band)) + PixelsOf(band) * raw +
                (is_by_rows ? PixelsOf({picture.width_px, band.height_px}) * frame::kRgba8Bytes : 0);
-  // Pixels, stripes, and the picture that is made of these. Encoded rows are freed as they are
-  // joined.
-  bytes.encode = response + (is_by_rows ? 0 : 2 * compressed) + kLeastFrameBytes;
+  // Pixels, stripes, and the picture that is made of these; encoded rows are freed as they are
+  // joined. Then the bounds.
+  bytes.encode =
+      response + std::max(is_by_rows ? 0 : 2 * compressed, BoundsBytes(spec)) + kLeastFrameBytes;
   bytes.send = (delivery == Delivery::kWhole ? 2 * response : response) + kLeastFrameBytes;
   return bytes;
 }

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <set>
 #include <tuple>
 #include <utility>
@@ -25,6 +26,7 @@
 #include "core/base/printable.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
+#include "core/volume/volume_level.h"
 #include "wire/frame_convert.h"
 #include "wire/proto_convert.h"
 #include "wire/series_convert.h"
@@ -66,6 +68,48 @@ absl::Status ValidateVolumes(const internal::ShardDescription& shard, const std:
   return absl::OkStatus();
 }
 
+// INVALID_ARGUMENT unless the levels are ascending ones of the dataset's grid.
+absl::Status ValidateLevels(const internal::LevelsDescription& proto,
+                            const isoscope::v1::Dataset& dataset, const std::string& path) {
+  const isoscope::v1::Dimensions& dims = dataset.geometry().sample_dims();
+  const int highest = volume::HighestLevel({dims.x(), dims.y(), dims.z()});
+  for (int i = 0; i < proto.levels_size(); ++i) {
+    const std::int32_t least = i == 0 ? 1 : proto.levels(i - 1) + 1;
+    if (proto.levels(i) < least || proto.levels(i) > highest) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".levels.levels[", i, "] is ",
+                                                     proto.levels(i),
+                                                     ": must be ascending, from 1 to ", highest));
+    }
+  }
+  const bool is_known = proto.filter() == isoscope::v1::DatasetLevel::FILTER_MEAN ||
+                        proto.filter() == isoscope::v1::DatasetLevel::FILTER_MAJORITY;
+  if (!proto.levels().empty() && !is_known) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ".levels.filter is ",
+                                                   static_cast<int>(proto.filter()),
+                                                   ": must be 1 (mean) or 2 (majority)"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ValidateLevels(const internal::ShardDescription& shard, const std::string& path) {
+  ISOSCOPE_RETURN_IF_ERROR(ValidateLevels(shard.levels(), shard.dataset(), path));
+  for (int i = 0; i < shard.volumes_size(); ++i) {
+    ISOSCOPE_RETURN_IF_ERROR(ValidateLevels(shard.volumes(i).levels(), shard.dataset(),
+                                            absl::StrCat(path, ".volumes[", i, "]")));
+  }
+  return absl::OkStatus();
+}
+
+// REQUIRES: they are valid.
+OwnedLevels LevelsFromProto(const internal::LevelsDescription& proto) {
+  OwnedLevels owned;
+  owned.levels.assign(proto.levels().begin(), proto.levels().end());
+  owned.filter = proto.filter() == isoscope::v1::DatasetLevel::FILTER_MAJORITY
+                     ? volume::LevelFilter::kMajority
+                     : volume::LevelFilter::kMean;
+  return owned;
+}
+
 // Clients and coordinators ask again after this time while agents open their shards.
 constexpr absl::Duration kOpeningDelay = absl::Seconds(1);
 
@@ -94,6 +138,7 @@ absl::Status Validate(const internal::DescribeShardsResponse& response) {
                                                      shard.dataset().shard_count(), ")"));
     }
     ISOSCOPE_RETURN_IF_ERROR(ValidateVolumes(shard, path));
+    ISOSCOPE_RETURN_IF_ERROR(ValidateLevels(shard, path));
   }
   return absl::OkStatus();
 }
@@ -246,6 +291,33 @@ absl::Status RevisionError(const std::string& name, const Content& content) {
                    "; run one version with one --renderer on agents that serve all shards"));
 }
 
+// Calls `visit` for each shard of the dataset that an agent of the crew has.
+template <typename Visit>
+void ForEachShardOf(const Crew& crew, const isoscope::v1::Dataset& dataset, const Visit& visit) {
+  for (const auto& [index, agents] : crew.owners) {
+    for (const AgentState* agent : agents) {
+      for (const internal::ShardDescription& shard : agent->shards) {
+        if (shard.shard_index() == index && shard.dataset().name() == dataset.name() &&
+            shard.dataset().dataset_id() == dataset.dataset_id()) {
+          visit(*agent, shard);
+        }
+      }
+    }
+  }
+}
+
+// The levels of a dataset without fields.
+std::vector<ServedLevel> LevelsOf(const Crew& crew, const isoscope::v1::Dataset& dataset) {
+  std::map<int, std::vector<LevelOwner>> owners;
+  ForEachShardOf(
+      crew, dataset, [&](const AgentState& agent, const internal::ShardDescription& shard) {
+        LevelOwner owner{{{agent.address, agent.channel, agent.export_channel}, agent.is_draining}};
+        owner.owned = LevelsFromProto(shard.levels());
+        owners[shard.shard_index()].push_back(std::move(owner));
+      });
+  return ServedLevelsOf(owners);
+}
+
 // The shards of a series with the agents of a crew, the descriptions that these give of it, and the
 // ranges of its volumes by id.
 std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
@@ -253,27 +325,35 @@ std::map<int, std::vector<SeriesOwner>> SeriesOwnersOf(
     std::vector<const isoscope::v1::Dataset*>* descriptions,
     std::map<std::string, isoscope::v1::FieldComponent>* ranges) {
   std::map<int, std::vector<SeriesOwner>> owners;
-  for (const auto& [index, agents] : crew.owners) {
-    for (const AgentState* agent : agents) {
-      for (const internal::ShardDescription& shard : agent->shards) {
-        if (shard.shard_index() != index || shard.dataset().name() != dataset.name() ||
-            shard.dataset().dataset_id() != dataset.dataset_id()) {
-          continue;
-        }
-        SeriesOwner& owner = owners[index].emplace_back();
-        owner.agent = {agent->address, agent->channel, agent->export_channel};
-        owner.is_draining = agent->is_draining;
-        for (const internal::VolumeDescription& volume : shard.volumes()) {
-          owner.volumes.emplace(wire::KeyOf(volume), volume.dataset_id());
-          if (ranges->count(volume.dataset_id()) == 0) {
-            ranges->emplace(volume.dataset_id(), RangesOf(volume));
-          }
-        }
-        descriptions->push_back(&shard.dataset());
-      }
+  ForEachShardOf(crew, dataset,
+                 [&](const AgentState& agent, const internal::ShardDescription& shard) {
+                   SeriesOwner& owner = owners[shard.shard_index()].emplace_back();
+                   owner.agent = {agent.address, agent.channel, agent.export_channel};
+                   owner.is_draining = agent.is_draining;
+                   for (const internal::VolumeDescription& volume : shard.volumes()) {
+                     owner.volumes.emplace(wire::KeyOf(volume), volume.dataset_id());
+                     if (!volume.levels().levels().empty()) {
+                       owner.levels.emplace(volume.dataset_id(), LevelsFromProto(volume.levels()));
+                     }
+                     if (ranges->count(volume.dataset_id()) == 0) {
+                       ranges->emplace(volume.dataset_id(), RangesOf(volume));
+                     }
+                   }
+                   descriptions->push_back(&shard.dataset());
+                 });
+  return owners;
+}
+
+// The levels of the default field at its last step that is offered.
+std::vector<ServedLevel> LevelsOfDefault(const SeriesState& series,
+                                         const isoscope::v1::Dataset& dataset) {
+  store::ScalarVolumeKey last{.field = 0, .component = dataset.fields(0).components_size() - 1};
+  for (const auto& [key, id] : series.offered) {
+    if (key.field == last.field && key.component == last.component) {
+      last.step = std::max(last.step, key.step);
     }
   }
-  return owners;
+  return LevelsOf(series, last);
 }
 
 // Adds the volumes of a dataset that has fields.
@@ -287,6 +367,7 @@ void CompleteSeries(const Crew& crew, DatasetState* state) {
     const auto missing = state->dataset.missing_shards();
     state->dataset = JoinDescriptions(descriptions, *series);
     *state->dataset.mutable_missing_shards() = missing;
+    AddLevels(LevelsOfDefault(*series, state->dataset), &state->dataset);
   }
   state->series = std::move(series);
 }
@@ -325,6 +406,9 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
     state.picture_revision = (*crew->agents.begin())->picture_revision;
     if (!state.dataset.fields().empty()) {
       CompleteSeries(*crew, &state);
+    } else {
+      state.levels = LevelsOf(*crew, state.dataset);
+      AddLevels(state.levels, &state.dataset);
     }
   }
   if (!missing.empty()) {

@@ -36,6 +36,7 @@
 #include "server/access/access_control.h"
 #include "server/cluster/frame_part.h"
 #include "server/cluster/series_state.h"
+#include "server/cluster/served_levels.h"
 
 namespace isoscope::server {
 
@@ -67,6 +68,8 @@ struct DatasetState {
   // The sets have each shard once, and stand in order of their first shards. If `status` is not OK
   // they have the shards that can still be drawn together, perhaps none.
   std::vector<ReplicaSet> replica_sets;
+  // The levels beside level 0, ascending. Of a series: those of the volume that Select has chosen.
+  std::vector<ServedLevel> levels;
   frame::PictureRevision picture_revision;  // of all of these agents
   bool is_served = false;                   // at least one shard is
   std::string contradiction;  // if agents contradict each other: who, with which content

@@ -32,44 +32,68 @@ std::vector<int> OfferedSteps(const SeriesState& series, const wire::FieldPlace&
   return steps;  // keys ascend by step
 }
 
-// Shards by the agents that have all of `ids`.
-std::vector<ReplicaSet> ReplicaSetsOf(const SeriesState& series,
-                                      const std::map<ScalarVolumeKey, std::string>& ids) {
-  std::vector<ReplicaSet> sets;
-  std::map<std::vector<std::string>, std::size_t> set_of;  // by addresses
+// The agents that have all of `ids`, by shard.
+std::map<int, std::vector<const SeriesOwner*>> OwnersOf(
+    const SeriesState& series, const std::map<ScalarVolumeKey, std::string>& ids) {
+  std::map<int, std::vector<const SeriesOwner*>> with_all;
   for (const auto& [shard, owners] : series.owners) {
-    std::vector<const SeriesOwner*> with_all;
     for (const SeriesOwner& owner : owners) {
       const bool has_all = std::all_of(ids.begin(), ids.end(), [&](const auto& wanted) {
         const auto found = owner.volumes.find(wanted.first);
         return found != owner.volumes.end() && found->second == wanted.second;
       });
       if (has_all) {
-        with_all.push_back(&owner);
+        with_all[shard].push_back(&owner);
       }
     }
-    const bool all_drain = std::all_of(with_all.begin(), with_all.end(),
-                                       [](const SeriesOwner* owner) { return owner->is_draining; });
-    std::erase_if(with_all,
-                  [&](const SeriesOwner* owner) { return owner->is_draining && !all_drain; });
-    if (with_all.empty()) {
-      continue;
-    }
-    std::vector<std::string> addresses;
-    addresses.reserve(with_all.size());
-    for (const SeriesOwner* owner : with_all) {
-      addresses.push_back(owner->agent.address);
-    }
-    const auto [entry, is_new] = set_of.emplace(std::move(addresses), sets.size());
-    if (is_new) {
-      ReplicaSet& set = sets.emplace_back();
-      for (const SeriesOwner* owner : with_all) {
-        set.agents.push_back(owner->agent);
-      }
-    }
-    sets[entry->second].shard_indices.push_back(shard);
   }
-  return sets;
+  return with_all;
+}
+
+// Shards by the agents that have all of `ids`.
+std::vector<ReplicaSet> ReplicaSetsOf(const SeriesState& series,
+                                      const std::map<ScalarVolumeKey, std::string>& ids) {
+  std::map<int, std::vector<ShardOwner>> owners;
+  for (const auto& [shard, with_all] : OwnersOf(series, ids)) {
+    for (const SeriesOwner* owner : with_all) {
+      owners[shard].push_back({owner->agent, owner->is_draining});
+    }
+  }
+  return GroupByAgents(owners);
+}
+
+// The levels that all of `ids` have, and the filter of the drawn volume.
+OwnedLevels CommonLevels(const SeriesOwner& owner,
+                         const std::map<ScalarVolumeKey, std::string>& ids,
+                         const std::string& drawn_id) {
+  const auto drawn = owner.levels.find(drawn_id);
+  if (drawn == owner.levels.end()) {
+    return {};
+  }
+  OwnedLevels common = drawn->second;
+  for (const auto& [key, id] : ids) {
+    const auto other = owner.levels.find(id);
+    std::erase_if(common.levels, [&](int level) {
+      return other == owner.levels.end() ||
+             std::find(other->second.levels.begin(), other->second.levels.end(), level) ==
+                 other->second.levels.end();
+    });
+  }
+  return common;
+}
+
+std::vector<ServedLevel> LevelsOf(const SeriesState& series,
+                                  const std::map<ScalarVolumeKey, std::string>& ids,
+                                  const std::string& drawn_id) {
+  std::map<int, std::vector<LevelOwner>> owners;
+  for (const auto& [shard, with_all] : OwnersOf(series, ids)) {
+    for (const SeriesOwner* owner : with_all) {
+      LevelOwner of_shard{{owner->agent, owner->is_draining}};
+      of_shard.owned = CommonLevels(*owner, ids, drawn_id);
+      owners[shard].push_back(std::move(of_shard));
+    }
+  }
+  return ServedLevelsOf(owners);
 }
 
 // Agents that have one volume of a shard each, but none that has both, can't draw a frame of both.
@@ -131,11 +155,27 @@ absl::Status CheckNoFields(const v1::Dataset& dataset, const v1::FieldSelection*
   return absl::OkStatus();
 }
 
-// A digest of the offered volumes of each step. O(volumes).
+// "" for a volume without levels, whose digest is as it was before there were levels.
+std::string TextOfLevels(const SeriesState& series, const ScalarVolumeKey& key,
+                         const std::string& id) {
+  const auto& [shard, owners] = *series.owners.begin();
+  const bool may_have_levels = std::any_of(
+      owners.begin(), owners.end(), [&](const auto& owner) { return owner.levels.count(id) > 0; });
+  std::string text;
+  if (may_have_levels) {
+    for (const ServedLevel& served : LevelsOf(series, key)) {
+      absl::StrAppend(&text, " ", served.level, ":", volume::NameOf(served.filter));
+    }
+  }
+  return text;
+}
+
+// A digest of the offered volumes of each step, and their levels. O(volumes * shards).
 std::map<int, std::string> DigestsOfSteps(const SeriesState& series) {
   std::map<int, std::string> digests;  // first what is digested
   for (const auto& [key, id] : series.offered) {
-    absl::StrAppend(&digests[key.step], key.field, " ", key.component, " ", id, "\n");
+    absl::StrAppend(&digests[key.step], key.field, " ", key.component, " ", id,
+                    TextOfLevels(series, key, id), "\n");
   }
   constexpr std::size_t kDigits = 32;
   for (auto& [step, digest] : digests) {
@@ -234,6 +274,7 @@ DatasetState StateOfVolume(const DatasetState& dataset, const wire::FieldPlace& 
   of_volume.set_dataset_id(id);
   of_volume.clear_fields();
   of_volume.clear_time_steps();
+  of_volume.clear_levels();  // DatasetState has them
   const v1::FieldComponent& component =
       dataset.dataset.fields(place.field).components(place.component);
   of_volume.set_sample_type(component.sample_type());
@@ -284,6 +325,14 @@ SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners) {
   }
   series.owners = std::move(owners);
   return series;
+}
+
+std::vector<ServedLevel> LevelsOf(const SeriesState& series, const ScalarVolumeKey& key) {
+  const auto offered = series.offered.find(key);
+  if (offered == series.offered.end()) {
+    return {};
+  }
+  return LevelsOf(series, {*offered}, offered->second);
 }
 
 v1::FieldComponent RangesOf(const isoscope::internal::v1::VolumeDescription& volume) {
@@ -360,6 +409,7 @@ absl::StatusOr<SelectedVolume> SelectVolume(const std::shared_ptr<const DatasetS
   }
   const auto volume = std::make_shared<DatasetState>(StateOfVolume(*dataset, place, id));
   volume->replica_sets = ReplicaSetsOf(series, volumes.ids());
+  volume->levels = LevelsOf(series, volumes.ids(), id);
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShards(series, description, *volume, with_all_fields));
   selected.dataset = volume;
   selected.at_step = volumes.RangesAt(id);

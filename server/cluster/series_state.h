@@ -25,6 +25,7 @@
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/frame_part.h"
+#include "server/cluster/served_levels.h"
 
 namespace isoscope::server {
 
@@ -36,6 +37,8 @@ struct SeriesOwner {
   bool is_draining = false;
   // The dataset ids of the agent's volumes, by key.
   std::map<store::ScalarVolumeKey, std::string> volumes;
+  // The levels of volumes that have any, by dataset id.
+  std::map<std::string, OwnedLevels> levels;
 };
 
 // Immutable.
@@ -56,6 +59,9 @@ SeriesState MakeSeriesState(std::map<int, std::vector<SeriesOwner>> owners);
 // the others.
 isoscope::v1::Dataset JoinDescriptions(const std::vector<const isoscope::v1::Dataset*>& datasets,
                                        const SeriesState& series);
+
+// Returns the levels of a volume that every shard has; none if the volume is not offered.
+std::vector<ServedLevel> LevelsOf(const SeriesState& series, const store::ScalarVolumeKey& key);
 
 // The ranges that a volume has at its own step, as a component has them over all steps.
 isoscope::v1::FieldComponent RangesOf(const isoscope::internal::v1::VolumeDescription& volume);

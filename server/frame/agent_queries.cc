@@ -7,7 +7,8 @@
 // 4. A question that is late gets a second call on the next agent.
 //
 // Calls end on gRPC's threads, which only push their end into a queue. The callers at the end of
-// this source make the questions and add their answers: histogram, active box, cell box, points.
+// this source make the questions and add their answers: histogram, active box, cell box, bounds of
+// depth, points.
 
 #include "server/frame/agent_queries.h"
 
@@ -28,11 +29,13 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/volume/block_set.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "rpc/grpc_status.h"
 #include "rpc/request_context.h"
 #include "rpc/unary_checksum.h"
 #include "server/frame/agent_call.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/frame_convert.h"
 #include "wire/pick_convert.h"
 #include "wire/proto_convert.h"
@@ -423,6 +426,7 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
   questions[0].request.set_dataset_id(target.dataset_id);
   AddRules(rules, &questions[0].request);
   *questions[0].request.mutable_clip() = wire::ToProto(clip);
+  questions[0].request.set_level(target.level);
   return Ask(identity, cancellation, &Async::GetActiveBox, std::move(questions), ActiveExtent(),
              [&](std::size_t, const Response& answer, ActiveExtent* extent) -> absl::Status {
                ISOSCOPE_ASSIGN_OR_RETURN(extent->cells, wire::ActiveBoxFromProto(answer, layout));
@@ -456,6 +460,71 @@ QueryOutcome<std::optional<math::IndexBox>> AskCellBox(const QueryTarget& target
                }
                return absl::OkStatus();
              });
+}
+
+QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
+                                                     const frame::FrameSpec& spec,
+                                                     const base::TraceContext& identity,
+                                                     const base::Cancellation& cancellation) {
+  using Response = internal::GetDepthBoundsResponse;
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  const std::size_t pixels =
+      static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
+  // All answers together stay below the memory that the frame has for them.
+  const std::size_t part_count = std::clamp<std::size_t>(
+      frame::kMaxBoundsPixels / pixels, 1,
+      std::min(target.parts.size(), static_cast<std::size_t>(wire::kMaxBoundsParts)));
+  Questions<internal::GetDepthBoundsRequest, Response> questions(part_count);
+  for (std::size_t i = 0; i < part_count; ++i) {
+    questions[i].agents = AnyAgents({target.dataset_id, target.parts, /*turn=*/i});
+    questions[i].request.set_dataset_id(target.dataset_id);
+    *questions[i].request.mutable_frame() = wire::ToProto(spec);
+    questions[i].request.set_part_index(static_cast<std::int32_t>(i));
+    questions[i].request.set_part_count(static_cast<std::int32_t>(part_count));
+  }
+  return Ask(
+      identity, cancellation, &Async::GetDepthBounds, std::move(questions),
+      visibility::DepthBounds(size.width_px, size.height_px),
+      [&](std::size_t, const Response& answer, visibility::DepthBounds* whole) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const visibility::DepthBounds part,
+                                  wire::DepthBoundsFromProto(answer, size));
+        whole->UniteWith(part);
+        return absl::OkStatus();
+      });
+}
+
+QueryOutcome<std::int64_t> AskUnresolved(const QueryTarget& target, std::int64_t block_count,
+                                         int level, const volume::InsideRule& rule,
+                                         const base::TraceContext& identity,
+                                         const base::Cancellation& cancellation) {
+  using Response = internal::GetResolvedBlocksResponse;
+  auto questions = QuestionsToParts<internal::GetResolvedBlocksRequest, Response>(target);
+  for (auto& question : questions) {
+    question.request.set_level(level);
+    question.request.set_isovalue(rule.isovalue);
+    question.request.mutable_labels()->Assign(rule.labels.begin(), rule.labels.end());
+    question.may_hedge = false;  // it reads as much on every agent
+  }
+  volume::BlockSet resolved(block_count);
+  std::optional<std::int64_t> active;  // all agents know it
+  return Ask(
+      identity, cancellation, &Async::GetResolvedBlocks, std::move(questions), std::int64_t{0},
+      [&](std::size_t, const Response& answer, std::int64_t* unresolved) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> blocks,
+                                  wire::BlockListFromProto(answer.blocks(), block_count, "blocks"));
+        resolved.InsertAll(blocks);
+        const std::int64_t stated = answer.active_block_count();
+        const std::int64_t resolved_count = resolved.Count();
+        if (stated < resolved_count || stated > block_count || stated != active.value_or(stated)) {
+          return absl::InvalidArgumentError(
+              absl::StrCat("active_block_count is ", stated, ": must be that of the volume of ",
+                           block_count, " blocks, the same in all answers, and at least ",
+                           resolved_count, ", which were named"));
+        }
+        active = stated;
+        *unresolved = stated - resolved_count;
+        return absl::OkStatus();
+      });
 }
 
 QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,

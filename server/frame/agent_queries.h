@@ -16,9 +16,11 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/trace_context.h"
+#include "core/frame/frame_spec.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
 #include "core/view/clip_region.h"
+#include "core/visibility/depth_bounds.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/inside_rule.h"
 #include "core/volume/sample_histogram.h"
@@ -36,6 +38,7 @@ struct QueryTarget {
   // If one agent is enough, `turn` selects the first one to ask: successive turns use all in
   // rotation.
   std::size_t turn = 0;
+  int level = 0;  // whose blocks AskActiveBox asks for
 };
 
 // An agent that was slower than another one with the same question.
@@ -71,8 +74,8 @@ struct ActiveExtent {
 
 // Returns the number of blocks that are active for any of some surfaces and not wholly outside of
 // `clip`, and their box. Blocks of missing shards count too. Asks one agent of any part, because
-// every agent knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED,
-// CANCELLED.
+// every agent knows all ranges. Blocks are those of the target's level. Waits. UNAVAILABLE,
+// FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<volume::InsideRule>& rules,
@@ -89,6 +92,26 @@ QueryOutcome<std::optional<math::IndexBox>> AskCellBox(const QueryTarget& target
                                                        const view::ClipRegion& clip,
                                                        const base::TraceContext& identity,
                                                        const base::Cancellation& cancellation);
+
+// Returns the bounds of depth in the picture of a frame, of blocks of missing shards, too. The
+// agents of the parts share the blocks; each of them could do any share, because every agent knows
+// all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+//
+// spec: has a camera, and a picture of at most frame::kMaxBoundsPixels
+QueryOutcome<visibility::DepthBounds> AskDepthBounds(const QueryTarget& target,
+                                                     const frame::FrameSpec& spec,
+                                                     const base::TraceContext& identity,
+                                                     const base::Cancellation& cancellation);
+
+// Returns the number of active blocks of level 0 that a level shows nothing of, for one surface.
+// Asks every part, whose agents read the level's blocks. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
+// DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+//
+// block_count: of level 0
+QueryOutcome<std::int64_t> AskUnresolved(const QueryTarget& target, std::int64_t block_count,
+                                         int level, const volume::InsideRule& rule,
+                                         const base::TraceContext& identity,
+                                         const base::Cancellation& cancellation);
 
 // A point of world space, and the block whose surface is seen there.
 struct ShownPoint {

@@ -13,7 +13,8 @@ namespace isoscope::server {
 std::string CellBoxCache::KeyOf(const std::string& dataset_id,
                                 const std::vector<volume::InsideRule>& rules,
                                 const view::ClipRegion& clip) {
-  std::string key = ActiveBlocksCache::KeyOf(dataset_id, /*shard_indices_by_agent=*/{}, rules);
+  std::string key =
+      ActiveBlocksCache::KeyOf(dataset_id, /*level=*/0, /*shard_indices_by_agent=*/{}, rules);
   const auto append = [&key](absl::string_view mark, double value) {
     absl::StrAppend(&key, mark, absl::Hex(std::bit_cast<std::uint64_t>(value + 0.0)));
   };

@@ -138,9 +138,7 @@ absl::Status DrawValues(const FrameToRange& frame, AskedFrame stepped,
                         picture::VisibleValues* visible) {
   stepped.spec.region = region;
   FrameTarget target = *frame.target;
-  ISOSCOPE_ASSIGN_OR_RETURN(target.view,
-                            view::View::Make(*stepped.spec.camera, stepped.spec.viewport,
-                                             frame.target->view.geometry(), region));
+  ISOSCOPE_ASSIGN_OR_RETURN(target.view, target.ViewOf(stepped.spec));
   FrameIdentity identity = *frame.identity;
   identity.trace = nullptr;
   identity.agent_traces = nullptr;
@@ -227,7 +225,7 @@ frame::FrameSpec SpecOfValues(const frame::FrameSpec& spec) {
 absl::Status ResolveRanges(const FrameToRange& frame, AskedFrame* asked) {
   ISOSCOPE_RETURN_IF_ERROR(wire::ResolveColorRanges(frame.target->dataset->dataset,
                                                     frame.target->selected.at_step, &asked->spec));
-  ResolvePositions(frame.target->view.geometry(), &asked->spec);
+  ResolvePositions(frame.target->whole, &asked->spec);
   ISOSCOPE_RETURN_IF_ERROR(ResolvePercentiles(frame, asked));
   return ResolveVisible(frame, asked);
 }

@@ -1,6 +1,7 @@
 // A frame of a call, after its ticket has a place:
 //
-// 1. FindTarget finds the dataset, chooses the replicas of each part, and resolves the camera.
+// 1. FindTarget finds the dataset, chooses the replicas of each part, and resolves the camera; then
+//    PlaceLevel chooses the level.
 // 2. Attempt begins every part on an agent, runs RunFrame, and collects traces and active blocks.
 // 3. Learn reports the agents to the replica board: done, failed, late, or the loser of a hedge.
 // 4. If parts are lost and the request allows a partial picture, Run starts again without them.
@@ -23,8 +24,12 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
+#include "core/picture/color_map.h"
 #include "core/view/camera_fit.h"
+#include "core/view/level_choice.h"
 #include "core/volume/patient_frame.h"
+#include "core/volume/volume_level.h"
+#include "server/cluster/served_levels.h"
 #include "server/frame/agent_client.h"
 #include "server/frame/agent_queries.h"
 #include "wire/frame_convert.h"
@@ -54,6 +59,24 @@ absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& data
   return absl::OkStatus();
 }
 
+bool ShowsPosition(const frame::ColorBy& color_by) {
+  using Quantity = frame::ColorBy::Quantity;
+  return color_by.quantity == Quantity::kPositionX || color_by.quantity == Quantity::kPositionY ||
+         color_by.quantity == Quantity::kPositionZ;
+}
+
+// The finest level of at most CoarserLevel::kQuickSampleCount samples.
+int QuickLevelOf(const math::Index3& dims) {
+  double sample_count =
+      static_cast<double>(dims.x) * static_cast<double>(dims.y) * static_cast<double>(dims.z);
+  int level = 0;
+  while (sample_count > static_cast<double>(CoarserLevel::kQuickSampleCount)) {
+    sample_count /= 8;
+    ++level;
+  }
+  return level;
+}
+
 std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>& parts,
                         const frame::FrameSpec& spec) {
   std::vector<std::vector<int>> shard_indices;
@@ -61,7 +84,7 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
   for (const FramePart& part : parts) {
     shard_indices.push_back(part.shard_indices);
   }
-  return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), shard_indices,
+  return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), target.level, shard_indices,
                                   frame::RulesOf(spec));
 }
 
@@ -73,25 +96,42 @@ bool MayWorkSmaller(const absl::Status& status) {
 }
 
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
-                                             const volume::GridGeometry& geometry) {
+                                             const volume::GridGeometry& grid) {
   const isoscope::v1::Dimensions& cells = dataset.block_cells();
-  return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
+  return volume::BlockLayout::Make(grid.sample_dims, {cells.x(), cells.y(), cells.z()});
+}
+
+volume::GridGeometry GridOfLevel(const volume::GridGeometry& whole, int level) {
+  // Type and filter do not change the grid.
+  return volume::LevelOf(whole, volume::ScalarType::kUint8, volume::LevelFilter::kMean, level).grid;
+}
+
+absl::StatusOr<view::View> FrameTarget::ViewOf(const view::Camera& camera,
+                                               const view::Viewport& viewport,
+                                               const std::optional<view::Region>& region) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(view::View of_whole, view::View::Make(camera, viewport, whole, region));
+  if (level == 0) {
+    return of_whole;
+  }
+  return of_whole.OnGrid(GridOfLevel(whole, level));
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::Prepare(FrameTicket* ticket, AskedFrame* asked,
-                                                 base::TraceRecorder* trace) {
+                                                 base::TraceRecorder* trace,
+                                                 const std::optional<CoarserLevel>& coarser) {
   {
     const base::TraceScope scope(trace, "memory");
     ISOSCOPE_RETURN_IF_ERROR(ticket->TakeMemory(asked->spec));
   }
   const base::TraceScope scope(trace, "find dataset");
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameTarget target, FindTarget(ticket->Identity(), asked));
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameTarget target, FindTarget(ticket->Identity(), asked, coarser));
   ticket->NoteDataset(target.dataset->dataset);
   return target;
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identity,
-                                                    AskedFrame* asked) {
+                                                    AskedFrame* asked,
+                                                    const std::optional<CoarserLevel>& coarser) {
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
   const frame::FrameSpec& spec = asked->spec;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
@@ -115,14 +155,57 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(const FrameIdentity& identit
                                        geometry, layout, asked));
   ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
                             view::View::Make(*spec.camera, spec.viewport, geometry, spec.region));
-  ISOSCOPE_RETURN_IF_ERROR(
-      frame::CheckOwners(frame::OwnerSurfaceCount(spec), layout.block_count()));
   const frame::BackEnd drawn_by = frame::DrawnBy(spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
   std::shared_ptr<const DatasetState> of_volume = selected.dataset;
-  return FrameTarget{std::move(of_volume), std::move(parts), view, layout, order,
-                     std::move(selected)};
+  FrameTarget target{std::move(of_volume), std::move(parts), view, layout, order,
+                     std::move(selected),  geometry};
+  ISOSCOPE_RETURN_IF_ERROR(PlaceLevel(coarser, asked, &target));
+  ISOSCOPE_RETURN_IF_ERROR(
+      frame::CheckOwners(frame::OwnerSurfaceCount(spec), target.layout.block_count()));
+  return target;
+}
+
+absl::Status FrameRunner::PlaceLevel(const std::optional<CoarserLevel>& coarser, AskedFrame* asked,
+                                     FrameTarget* target) {
+  asked->spec.level = 0;
+  if (!asked->level.has_value() && !coarser.has_value()) {
+    return absl::OkStatus();
+  }
+  const DatasetState& dataset = *target->dataset;
+  const std::vector<volume::InsideRule> rules = frame::RulesOf(asked->spec);
+  const double pixels_per_unit = view::PixelsPerUnit(target->view, asked->spec.clip.box);
+  const ServedLevel* chosen = nullptr;
+  if (asked->level.has_value()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(chosen, ChooseLevel(dataset.levels, dataset.dataset, target->whole,
+                                                  rules, *asked->level, pixels_per_unit));
+  }
+  target->asked_level = chosen == nullptr ? 0 : chosen->level;
+  target->coarsest_level = std::max(CoarsestOf(dataset.levels, rules), target->asked_level);
+  if (coarser.has_value()) {
+    chosen = CoarserOf(dataset.levels, rules, chosen,
+                       coarser->least.value_or(QuickLevelOf(target->whole.sample_dims)));
+  }
+  target->level = chosen == nullptr ? 0 : chosen->level;
+  asked->spec.level = target->level;
+  const volume::GridGeometry grid = GridOfLevel(target->whole, target->level);
+  target->spacing_px = view::SpacingPx(grid, pixels_per_unit);
+  if (chosen == nullptr) {
+    return absl::OkStatus();
+  }
+  target->parts = state_.replicas.Choose(chosen->replica_sets,
+                                         ReplicaKeyOf(dataset.dataset.dataset_id(), rules));
+  ISOSCOPE_ASSIGN_OR_RETURN(target->layout, LayoutOf(dataset.dataset, grid));
+  target->order.block_count = static_cast<std::uint32_t>(target->layout.block_count());
+  ISOSCOPE_ASSIGN_OR_RETURN(target->view, target->view.OnGrid(grid));
+  // Colours of a position show the box of the samples, at every level.
+  for (frame::Surface& surface : asked->spec.surfaces) {
+    if (surface.color_by.has_value() && ShowsPosition(*surface.color_by)) {
+      surface.color_by->range = picture::ColorRangeOf(*surface.color_by, target->whole);
+    }
+  }
+  return absl::OkStatus();
 }
 
 absl::Status FrameRunner::PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
@@ -183,6 +266,46 @@ absl::StatusOr<CellBoxCache::CellBox> FrameRunner::FindCellBox(const FrameIdenti
     cell_boxes_.Insert(key, *outcome.result);
   }
   return std::move(outcome.result);
+}
+
+absl::StatusOr<std::int64_t> FrameRunner::FindActiveBytes(const FrameIdentity& identity,
+                                                          const frame::FrameSpec& spec,
+                                                          const FrameTarget& target) {
+  const std::string& dataset_id = target.dataset->dataset.dataset_id();
+  const std::vector<volume::InsideRule> rules = frame::RulesOf(spec);
+  const std::string key = ActiveCounts::KeyOf(dataset_id, target.level, rules, spec.clip);
+  if (const std::optional<std::int64_t> known = active_counts_.Find(key)) {
+    return BytesOfBlocks(target, *known);
+  }
+  const QueryOutcome<ActiveExtent> outcome =
+      AskActiveBox({dataset_id, target.parts, state_.NextTurn(), target.level}, target.layout,
+                   rules, spec.clip, *identity.request, *identity.cancellation);
+  state_.ReportQuery(*identity.request, outcome.report);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  active_counts_.Insert(key, outcome.result->active_block_count);
+  return BytesOfBlocks(target, outcome.result->active_block_count);
+}
+
+// A block has a sample more than cells on each axis, and a ghost on each side.
+std::int64_t BytesOfBlocks(const FrameTarget& target, std::int64_t block_count) {
+  const isoscope::v1::Dataset& dataset = target.dataset->dataset;
+  constexpr std::int64_t kBesides = 3;
+  const isoscope::v1::Dimensions& cells = dataset.block_cells();
+  const std::int64_t samples =
+      (cells.x() + kBesides) * (cells.y() + kBesides) * (cells.z() + kBesides);
+  const absl::StatusOr<volume::ScalarType> type =
+      wire::ScalarTypeFromProto(dataset.sample_type(), "sample_type");
+  if (!type.ok()) {
+    return block_count * samples;
+  }
+  const auto served =
+      std::find_if(target.dataset->levels.begin(), target.dataset->levels.end(),
+                   [&](const ServedLevel& of_dataset) { return of_dataset.level == target.level; });
+  const volume::ScalarType of_level =
+      served == target.dataset->levels.end()
+          ? *type
+          : volume::LevelOf(target.whole, *type, served->filter, served->level).type;
+  return block_count * samples * static_cast<std::int64_t>(volume::SizeOf(of_level));
 }
 
 // One try of a frame with some parts: begins them on agents, and records the agents' success.
@@ -285,7 +408,7 @@ class FrameRunner::Attempt {
     }
     leases_.push_back(runner_.state_.replicas.Take(agent.address));
     begins_.emplace(agent.address, base::MonotonicNow());
-    return BeginFrameOnAgent(agent, std::move(of_part), target_.dataset->dataset.block_count(),
+    return BeginFrameOnAgent(agent, std::move(of_part), target_.layout.block_count(),
                              identity_.cancellation->deadline(), runner_.state_.mailboxes.get(),
                              *identity_.request, trace_target, listener);
   }
@@ -390,8 +513,8 @@ absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const 
     return absl::OkStatus();
   }
   const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
-      {dataset.dataset_id(), parts, state_.NextTurn()}, target.layout, frame::RulesOf(asked.spec),
-      asked.spec.clip, *identity.request, *identity.cancellation);
+      {dataset.dataset_id(), parts, state_.NextTurn(), target.level}, target.layout,
+      frame::RulesOf(asked.spec), asked.spec.clip, *identity.request, *identity.cancellation);
   state_.ReportQuery(*identity.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const auto all = static_cast<double>(outcome.result->active_block_count);

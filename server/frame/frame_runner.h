@@ -4,7 +4,9 @@
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -14,11 +16,13 @@
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "core/view/view.h"
+#include "core/volume/grid_geometry.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/cluster/frame_part.h"
 #include "server/cluster/series_state.h"
 #include "server/frame/active_blocks.h"
+#include "server/frame/active_counts.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/agent_room.h"
 #include "server/frame/cell_boxes.h"
@@ -28,6 +32,7 @@
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/sample_counts.h"
+#include "server/frame/unresolved_counts.h"
 #include "wire/frame_convert.h"
 
 namespace isoscope::server {
@@ -36,13 +41,36 @@ namespace isoscope::server {
 struct FrameTarget {
   std::shared_ptr<const DatasetState> dataset;
   std::vector<FramePart> parts;  // of all shards, unless some are missing (allow_partial)
-  view::View view;
-  volume::BlockLayout layout;
+  view::View view;               // of the level's grid, with the clip planes of level 0
+  volume::BlockLayout layout;    // of the level
   image::FragmentOrder order;
-  SelectedVolume selected;  // `dataset` is its dataset
+  SelectedVolume selected;     // `dataset` is its dataset
+  volume::GridGeometry whole;  // of level 0
+  int level = 0;
+  int asked_level = 0;     // the one that the request asks for; `level` may be coarser
+  int coarsest_level = 0;  // of those that fit the surfaces
+  double spacing_px = 0;   // of the level, if the request has a choice of one
+
+  // Returns the view of another camera or window. Errors as View::Make.
+  [[nodiscard]] absl::StatusOr<view::View> ViewOf(const frame::FrameSpec& spec) const {
+    return ViewOf(*spec.camera, spec.viewport, spec.region);
+  }
+  [[nodiscard]] absl::StatusOr<view::View> ViewOf(const view::Camera& camera,
+                                                  const view::Viewport& viewport,
+                                                  const std::optional<view::Region>& region) const;
 };
 
 using wire::AskedFrame;
+
+// Lets a frame be of a coarser level than it asks for.
+struct CoarserLevel {
+  // The samples of a volume that is drawn quickly, on few cores: 512 x 512 x 512.
+  static constexpr std::int64_t kQuickSampleCount = std::int64_t{1} << 27;
+
+  // The frame is of this level, or of a coarser one that it asks for. Not set: of the finest one of
+  // at most kQuickSampleCount samples.
+  std::optional<int> least = 0;
+};
 
 // The place of a drawing among those of its call.
 struct DrawingContext {
@@ -68,8 +96,16 @@ class FrameRunner {
   // says.
   //
   // trace: null: no trace was asked for
+  // coarser: not set: of the level that it asks for
   absl::StatusOr<FrameTarget> Prepare(FrameTicket* ticket, AskedFrame* asked,
-                                      base::TraceRecorder* trace);
+                                      base::TraceRecorder* trace,
+                                      const std::optional<CoarserLevel>& coarser = std::nullopt);
+
+  // Returns the bytes of the samples of all active blocks of the target's level that are not wholly
+  // outside of the clip region, from the cache or from an agent. Blocks. Errors as AskActiveBox.
+  absl::StatusOr<std::int64_t> FindActiveBytes(const FrameIdentity& identity,
+                                               const frame::FrameSpec& spec,
+                                               const FrameTarget& target);
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
   // With allow_partial, `parts` loses those that no agent could do, and the frame shows the others.
@@ -86,14 +122,22 @@ class FrameRunner {
   [[nodiscard]] CoordinatorState& state() const { return state_; }
   [[nodiscard]] AgentRoom& agent_room() { return agent_room_; }
   [[nodiscard]] SampleCountsCache& sample_counts() { return sample_counts_; }
+  [[nodiscard]] UnresolvedCounts& unresolved_counts() { return unresolved_counts_; }
   void AppendMetrics(std::vector<base::MetricFamily>* families) const {
     active_blocks_.AppendMetrics(families);
     cell_boxes_.AppendSamples(&families->back());
+    unresolved_counts_.AppendSamples(&families->back());
+    active_counts_.AppendSamples(&families->back());
   }
 
  private:
   class Attempt;
-  absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked);
+  absl::StatusOr<FrameTarget> FindTarget(const FrameIdentity& identity, AskedFrame* asked,
+                                         const std::optional<CoarserLevel>& coarser);
+  // Turns a target of level 0 into one of the level that the frame asks for, and sets
+  // FrameSpec::level. Once, for all bands and drawings of the frame.
+  absl::Status PlaceLevel(const std::optional<CoarserLevel>& coarser, AskedFrame* asked,
+                          FrameTarget* target);
   // Resolves the camera of the frame. Asks agents for the box of the surface if the camera fits it.
   absl::Status PlaceCamera(const FrameIdentity& identity, const QueryTarget& query,
                            const isoscope::v1::Dataset& dataset,
@@ -111,11 +155,19 @@ class FrameRunner {
   AgentRoom agent_room_;
   CellBoxCache cell_boxes_;
   SampleCountsCache sample_counts_;
+  UnresolvedCounts unresolved_counts_;
+  ActiveCounts active_counts_;
 };
 
-// Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.
+// Returns the bytes of the samples of some blocks of the target's level, as if none were at the border.
+std::int64_t BytesOfBlocks(const FrameTarget& target, std::int64_t block_count);
+
+// Returns the layout of the dataset's blocks on a grid: its own, or that of a level. INVALID_ARGUMENT
+// if it has none.
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
-                                             const volume::GridGeometry& geometry);
+                                             const volume::GridGeometry& grid);
+// Returns the grid of a level of the dataset, whose grid is `whole`.
+volume::GridGeometry GridOfLevel(const volume::GridGeometry& whole, int level);
 
 }  // namespace isoscope::server
 

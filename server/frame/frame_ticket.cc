@@ -63,9 +63,11 @@ absl::Status FrameTicket::TakePlaceUncounted(const frame::FrameSpec& spec) {
   ISOSCOPE_RETURN_IF_ERROR(CheckAnswerBytes(RawResponseBytes(spec)));
   ISOSCOPE_RETURN_IF_ERROR(caller.CheckViewport(spec.viewport.width_px, spec.viewport.height_px));
   ISOSCOPE_RETURN_IF_ERROR(work_.TakeUse(caller, CallerUse::kFrame));
-  if (absl::Status rate = work_.TakeRate(claim_.is_moving); !rate.ok()) {
-    metrics.rate_limited.Add();
-    return rate;
+  if (!claim_.is_part) {
+    if (absl::Status rate = work_.TakeRate(claim_.is_moving); !rate.ok()) {
+      metrics.rate_limited.Add();
+      return rate;
+    }
   }
   if (absl::Status fits = state_.memory.CheckFits(spec, wish()); !fits.ok()) {
     metrics.too_large.Add();
@@ -148,10 +150,12 @@ void FrameTicket::NoteDataset(const v1::Dataset& dataset) {
 
 void FrameTicket::EndWork(const frame::FrameSpec& spec, const absl::Status& status,
                           const FrameCost& cost) {
-  Log(spec, status, cost);
-  CountEnd(status);
-  if (status.ok()) {
-    state_.frame_metrics.CountSteps(cost);
+  if (!is_put_off_ || !status.ok()) {
+    Log(spec, status, cost);
+    CountEnd(status);
+    if (status.ok()) {
+      state_.frame_metrics.CountSteps(cost);
+    }
   }
   on_board_.reset();
   // The client gets its answer later, so that its next request finds a free place and share.

@@ -63,6 +63,8 @@ struct FrameClaim {
   // True for a frame of an interactive stream in motion. It leaves room for the exact one after it,
   // and is logged only if it fails.
   bool is_moving = false;
+  // True for a part of a frame that has taken its share of the caller's rate before.
+  bool is_part = false;
   Delivery delivery = Delivery::kWhole;
   base::MonotonicTime client_deadline = base::MonotonicTime::InfiniteFuture();
   absl::Duration max_duration = absl::InfiniteDuration();
@@ -108,6 +110,9 @@ class FrameTicket {
   }
   // Call in Run: the frame as agents and observers know it. Points into the ticket.
   [[nodiscard]] FrameIdentity Identity() const;
+  // Call in Run: the frame is not drawn now, but in parts that have tickets of their own. If it ends
+  // well, it is neither counted nor logged.
+  void PutOff() { is_put_off_ = true; }
   // The dataset that was found; before that, the one that was asked for.
   void NoteDataset(const isoscope::v1::Dataset& dataset);
   [[nodiscard]] const CallDataset& dataset() const { return dataset_; }
@@ -147,7 +152,8 @@ class FrameTicket {
   const FrameClaim claim_;
   const base::MonotonicTime start_ = base::MonotonicNow();
   bool may_band_ = false;
-  CallWork work_;           // its memory is returned when gRPC is done with the response
+  CallWork work_;  // its memory is returned when gRPC is done with the response
+  bool is_put_off_ = false;
   absl::Status lost_turn_;  // why the turn did not come
   std::optional<FrameBoard::Entry> on_board_;
   std::int64_t frame_number_ = 0;  // number of the frame; 0: its work has not begun

@@ -174,9 +174,15 @@ std::optional<KnownSamples::Note> KnownSamples::NoteOf(const volume::InsideRule&
                            NamesOf(missing), " of ", NamesOf(rule.labels), "; ", TextOfSamples()));
 }
 
-KnownSamples::Note KnownSamples::NoCellNoteOf(const volume::InsideRule& rule) const {
+KnownSamples::Note KnownSamples::NoCellNoteOf(const volume::InsideRule& rule, int level) const {
   const std::string none =
       absl::StrCat(NameOf(rule), rule.labels.size() > 1 ? " have" : " has", " no surface: ");
+  if (level > 0) {
+    return {ProtoNote::REASON_NO_CELL,
+            absl::StrCat(none, "no cell of level ", level,
+                         " has a sample inside and one outside; what is thinner than its samples "
+                         "may show at level 0")};
+  }
   if (rule.has_labels()) {
     return {ProtoNote::REASON_NO_CELL,
             absl::StrCat(none, "no cell has a sample inside and one outside; ", TextOfSamples())};

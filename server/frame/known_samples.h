@@ -35,7 +35,7 @@ class KnownSamples {
   [[nodiscard]] std::optional<Note> NoteOf(const volume::InsideRule& rule) const;
 
   // Returns the note of a surface that no cell has, though its samples are there.
-  [[nodiscard]] Note NoCellNoteOf(const volume::InsideRule& rule) const;
+  [[nodiscard]] Note NoCellNoteOf(const volume::InsideRule& rule, int level = 0) const;
 
   // Returns the surface's name for people: "isovalue 5", "label 3, left lung".
   [[nodiscard]] std::string NameOf(const volume::InsideRule& rule) const;

@@ -101,7 +101,7 @@ absl::Status PictureJob::RenderOutput(const FrameTarget& target, absl::FunctionR
 
 absl::StatusOr<BandGrid> PictureJob::Plan(const Drawing& drawing, const FrameNeeds& needs) const {
   return drawing.is_of_values ? ticket_->PlanDrawing(drawing.spec, asked_.spec, needs)
-                              : ticket_->PlanFrame(asked_.spec, needs);
+                              : ticket_->PlanFrame(drawing.spec, needs);
 }
 
 // Ranges of what is visible draw the picture, too.
@@ -224,46 +224,61 @@ int PictureJob::DetailedBandCount(int band_count) const {
 absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGrid& bands,
                                         absl::FunctionRef<void()> on_drawn, BandJoiner* joiner) {
   const std::size_t part_count = parts_.size();
-  const frame::FrameSpec& whole = asked_.spec;
   band_ = bands.band();
   DrawnBlocks drawn(target.layout.block_count());
-  FrameCost cost;
+  std::optional<FrameCost> cost;
   const int detailed_count = DetailedBandCount(bands.count());
+  const BandsOfPicture picture{.target = target,
+                               .drawn = &drawn,
+                               .joiner = joiner,
+                               .drawing_count = 2 * std::max(detailed_count, 1)};
   for (int i = 0; i < bands.count(); ++i) {
     has_details_ = i < detailed_count;
     const base::TraceScope trace(trace_ == nullptr || has_details_ ? nullptr : &trace_->recorder,
                                  "band");
-    const frame::FrameSpec spec = SpecOfBand(whole, bands.At(i));
-    FrameTarget of_band = target;
-    ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, view::View::Make(*spec.camera, spec.viewport,
-                                                             target.view.geometry(), spec.region));
-    const Piece piece{
-        .spec = spec,
-        .target = of_band,
-        .band = bands.At(i),
-        .context = {.drawn = &drawn, .drawing_count = 2 * std::max(detailed_count, 1)},
-        .drawn = &drawn,
-        .joiner = joiner};
     const bool is_last = i + 1 == bands.count();
-    ISOSCOPE_RETURN_IF_ERROR(RenderBand(piece, [&] {
-      if (is_last) {
-        on_drawn();
-      }
-    }));
+    ISOSCOPE_RETURN_IF_ERROR(RenderBandOf(
+        picture, bands.At(i),
+        [&] {
+          if (is_last) {
+            on_drawn();
+          }
+        },
+        &cost));
     if (parts_.size() < part_count) {
       return absl::OkStatus();
     }
-    if (i == 0) {
-      cost = std::move(cost_);
-    } else {
-      // Without culling agents draw, and count, all their blocks for each band.
-      AddBand(cost_, /*has_surface=*/whole.culling != frame::Culling::kNone, &cost);
-    }
   }
   has_details_ = true;
-  cost_ = std::move(cost);
+  cost_ = *std::move(cost);
   drawn.SetCounts(parts_, &cost_);
   cost_.band_count = bands.count();
+  return absl::OkStatus();
+}
+
+absl::Status PictureJob::RenderBandOf(const BandsOfPicture& picture, const view::Region& band,
+                                      absl::FunctionRef<void()> on_drawn,
+                                      std::optional<FrameCost>* cost) {
+  const std::size_t part_count = parts_.size();
+  const frame::FrameSpec spec = SpecOfBand(asked_.spec, band);
+  FrameTarget of_band = picture.target;
+  ISOSCOPE_ASSIGN_OR_RETURN(of_band.view, picture.target.ViewOf(spec));
+  const Piece piece{.spec = spec,
+                    .target = of_band,
+                    .band = band,
+                    .context = {.drawn = picture.drawn, .drawing_count = picture.drawing_count},
+                    .drawn = picture.drawn,
+                    .joiner = picture.joiner};
+  ISOSCOPE_RETURN_IF_ERROR(RenderBand(piece, on_drawn));
+  if (parts_.size() < part_count) {
+    return absl::OkStatus();  // a part was lost, and all bands begin again
+  }
+  if (!cost->has_value()) {
+    *cost = std::move(cost_);
+  } else {
+    // Without culling agents draw, and count, all their blocks for each band.
+    AddBand(cost_, /*has_surface=*/asked_.spec.culling != frame::Culling::kNone, &**cost);
+  }
   return absl::OkStatus();
 }
 

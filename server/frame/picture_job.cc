@@ -1,5 +1,6 @@
 #include "server/frame/picture_job.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 
@@ -8,6 +9,8 @@
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
+#include "core/view/level_choice.h"
+#include "server/frame/agent_queries.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/surface_notes.h"
 #include "server/picture/picture_finish.h"
@@ -99,6 +102,7 @@ void MoveInto(FrameOutput output, frame::ImageFormat format,
   response->set_surface_index(std::move(output.surface_index));
   response->set_position(std::move(output.position));
   response->set_normal(std::move(output.normal));
+  response->set_depth_bounds(std::move(output.depth_bounds));
 }
 
 }  // namespace
@@ -112,19 +116,20 @@ absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runne
 
 absl::StatusOr<std::unique_ptr<PictureJob>> PictureJob::Admit(FrameRunner* runner,
                                                               std::shared_ptr<FrameTicket> ticket,
-                                                              AskedFrame asked,
-                                                              int depth_grid_side) {
+                                                              AskedFrame asked, int depth_grid_side,
+                                                              std::optional<CoarserLevel> coarser) {
   ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(asked.spec, /*may_band=*/true));
   return std::unique_ptr<PictureJob>(
-      new PictureJob(runner, std::move(ticket), std::move(asked), depth_grid_side));
+      new PictureJob(runner, std::move(ticket), std::move(asked), depth_grid_side, coarser));
 }
 
 PictureJob::PictureJob(FrameRunner* runner, std::shared_ptr<FrameTicket> ticket, AskedFrame asked,
-                       int depth_grid_side)
+                       int depth_grid_side, std::optional<CoarserLevel> coarser)
     : runner_(*runner),
       ticket_(std::move(ticket)),
       asked_(std::move(asked)),
-      depth_grid_side_(depth_grid_side) {
+      depth_grid_side_(depth_grid_side),
+      coarser_(coarser) {
   if (asked_.with_trace) {
     // The agents of the frame may have three times as many spans.
     trace_ = std::make_unique<Trace>(
@@ -148,10 +153,15 @@ void PictureJob::ReleaseImages() {
   layers_ = image::LayerStack();
 }
 
+absl::Status PictureJob::RunIf(Begins begins, Response* response,
+                               absl::FunctionRef<void()> on_drawn) {
+  return ticket_->Run(asked_.spec, cost_, [&] { return TryRun(&begins, response, on_drawn); });
+}
+
 absl::Status PictureJob::Run(Response* response, absl::FunctionRef<void()> on_drawn) {
   return ticket_->Run(asked_.spec, cost_, [&]() -> absl::Status {
     const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
-    ISOSCOPE_RETURN_IF_ERROR(TryRun(response, on_drawn));
+    ISOSCOPE_RETURN_IF_ERROR(TryRun(/*begins=*/nullptr, response, on_drawn));
     if (trace_ != nullptr) {
       AddTrace(begin, response);
     }
@@ -176,14 +186,37 @@ void PictureJob::AddTrace(base::TraceTime begin, Response* response) {
   }
 }
 
-absl::Status PictureJob::TryRun(Response* response, absl::FunctionRef<void()> on_drawn) {
+absl::Status PictureJob::TryRun(const Begins* begins, Response* response,
+                                absl::FunctionRef<void()> on_drawn) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_.Prepare(ticket_.get(), &asked_, recorder()));
+                            runner_.Prepare(ticket_.get(), &asked_, recorder(), coarser_));
   parts_ = target.parts;
+  if (begins != nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(facts_, FindFacts(target));
+    if (!(*begins)(facts_)) {
+      ticket_->PutOff();
+      put_off_.emplace(target);
+      return absl::OkStatus();
+    }
+  }
   FrameOutput output;
-  ISOSCOPE_RETURN_IF_ERROR(RenderInRanges(target, on_drawn, &output));
-  ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
-  ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+  if (asked_.spec.output.is_drawn()) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderInRanges(target, on_drawn, &output));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(FindRanges(target));  // which the answer tells
+  }
+  return Complete(target, std::move(output), response);
+}
+
+absl::Status PictureJob::Complete(const FrameTarget& target, FrameOutput output,
+                                  Response* response) {
+  NoteDrawn(target);
+  if (asked_.spec.output.is_drawn()) {
+    ISOSCOPE_RETURN_IF_ERROR(runner_.AddMissingShards(Identity(), asked_, target, parts_, &cost_));
+    ISOSCOPE_RETURN_IF_ERROR(FindNotes(target));
+    ISOSCOPE_RETURN_IF_ERROR(FindUnresolved(target));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(FindBounds(target, &output));
   ISOSCOPE_RETURN_IF_ERROR(ticket_->CheckAnswerBytes(output.size_bytes()));
   ticket_->CountAnswer(output.size_bytes());
   FillResponse(target, std::move(output), response);
@@ -217,9 +250,31 @@ void PictureJob::FillResponse(const FrameTarget& target, FrameOutput output,
     response->set_time(*target.selected.time);
   }
   *response->mutable_statistics() = ToProto(cost_);
-  AddColorings(asked_.spec, target.view.geometry(), contents_, response);
+  response->mutable_statistics()->set_level(target.level);
+  if (asked_.level.has_value() || coarser_.has_value()) {
+    *response->mutable_drawn_level() = ToProto(facts_);
+  }
+  AddColorings(asked_.spec, target.whole, contents_, response);
   response->mutable_notes()->Assign(notes_.begin(), notes_.end());
   MoveInto(std::move(output), asked_.spec.output.image_format, response);
+}
+
+// Only the facts that tell the level cost nothing.
+void PictureJob::NoteDrawn(const FrameTarget& target) {
+  facts_.level = target.level;
+  facts_.asked_level = target.asked_level;
+  facts_.coarsest_level = target.coarsest_level;
+  facts_.spacing_px = target.spacing_px;
+  facts_.spacing = view::WorldSpacing(target.view.geometry());
+  facts_.active_bytes = BytesOfBlocks(target, cost_.total.active_block_count);
+}
+
+v1::DrawnLevel ToProto(const FrameFacts& facts) {
+  v1::DrawnLevel drawn;
+  drawn.set_level(facts.level);
+  drawn.set_max_spacing_px(facts.spacing_px);
+  *drawn.mutable_spacing() = wire::ToProto(facts.spacing);
+  return drawn;
 }
 
 absl::Status PictureJob::FindNotes(const FrameTarget& target) {
@@ -243,6 +298,71 @@ absl::Status PictureJob::FindNotes(const FrameTarget& target) {
     return absl::IsCancelled(notes.status()) ? notes.status() : absl::OkStatus();
   }
   notes_ = *std::move(notes);
+  return absl::OkStatus();
+}
+
+// Agents read the level's active blocks for a number that is not known yet. Only frames that ask for it
+// wait for that; others tell what is known.
+absl::Status PictureJob::FindUnresolved(const FrameTarget& target) {
+  const frame::FrameSpec& spec = asked_.spec;
+  if (spec.level == 0 || !cost_.missing_shards.empty()) {
+    return absl::OkStatus();
+  }
+  const base::TraceScope trace(recorder(), "unresolved blocks");
+  const FrameIdentity identity = Identity();
+  const isoscope::v1::Dataset& dataset = target.dataset->dataset;
+  std::int64_t sum = 0;
+  for (const volume::InsideRule& rule : frame::RulesOf(spec)) {
+    const std::string key = UnresolvedCounts::KeyOf(dataset.dataset_id(), rule, spec.level);
+    std::optional<std::int64_t> count = runner_.unresolved_counts().Find(key);
+    if (!count.has_value() && !asked_.with_unresolved_count) {
+      return absl::OkStatus();
+    }
+    if (!count.has_value()) {
+      const QueryOutcome<std::int64_t> outcome =
+          AskUnresolved({dataset.dataset_id(), parts_}, dataset.block_count(), spec.level, rule,
+                        *identity.request, *identity.cancellation);
+      runner_.state().ReportQuery(*identity.request, outcome.report);
+      if (!outcome.result.ok()) {
+        base::LogWarning("unresolved_blocks_failed", {{"request", identity.request->request_id()},
+                                                      {"status", outcome.result.status()}});
+        return absl::IsCancelled(outcome.result.status()) ? outcome.result.status()
+                                                          : absl::OkStatus();
+      }
+      count = *outcome.result;
+      runner_.unresolved_counts().Insert(key, *count);
+    }
+    sum += *count;
+  }
+  cost_.unresolved_block_count = sum;
+  return absl::OkStatus();
+}
+
+// All answers at a time have at most frame::kMaxBoundsPixels, for which FrameBytes counts.
+absl::Status PictureJob::FindBounds(const FrameTarget& target, FrameOutput* output) {
+  if (!asked_.spec.output.depth_bounds) {
+    return absl::OkStatus();
+  }
+  ReleaseImages();
+  const base::TraceScope trace(recorder(), "depth bounds");
+  const FrameIdentity identity = Identity();
+  const view::Region whole = target.view.region();
+  const auto width = static_cast<std::size_t>(whole.width_px);
+  output->depth_bounds.reserve(width * static_cast<std::size_t>(whole.height_px) *
+                               frame::kDepthBoundsBytes);
+  const int rows = std::max(static_cast<int>(frame::kMaxBoundsPixels / parts_.size() / width), 1);
+  frame::FrameSpec of_rows = asked_.spec;
+  of_rows.level = 0;
+  for (int y = 0; y < whole.height_px; y += rows) {
+    of_rows.region =
+        view::Region{whole.x, whole.y + y, whole.width_px, std::min(rows, whole.height_px - y)};
+    const QueryOutcome<visibility::DepthBounds> outcome =
+        AskDepthBounds({target.dataset->dataset.dataset_id(), parts_}, of_rows, *identity.request,
+                       *identity.cancellation);
+    runner_.state().ReportQuery(*identity.request, outcome.report);
+    ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+    AppendBounds(*outcome.result, target.view, &output->depth_bounds);
+  }
   return absl::OkStatus();
 }
 
@@ -321,9 +441,8 @@ absl::Status PictureJob::RenderPicture(const Piece& piece, absl::FunctionRef<voi
   std::optional<FrameTarget> larger;
   if (!window.is_picture_of(piece.spec)) {
     larger = piece.target;
-    ISOSCOPE_ASSIGN_OR_RETURN(larger->view,
-                              view::View::Make(*piece.spec.camera, window.viewport,
-                                               piece.target.view.geometry(), window.region));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        larger->view, piece.target.ViewOf(*piece.spec.camera, window.viewport, window.region));
   }
   const FrameTarget& drawn = larger.has_value() ? *larger : piece.target;
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, Draw(piece, drawn, window, Content::kPicture));

@@ -1,6 +1,7 @@
 #include "server/frame/reduction.h"
 
 #include <algorithm>
+#include <bit>
 #include <iterator>
 #include <new>
 #include <utility>
@@ -12,7 +13,6 @@
 
 #include "core/composite/depth_composite.h"
 #include "core/visibility/occluder_selection.h"
-#include "core/visibility/occlusion_map.h"
 #include "core/visibility/open_pixels.h"
 
 namespace isoscope::server {
@@ -33,7 +33,7 @@ Reduction::Reduction(const ReductionSetup& setup, std::size_t part_count, image:
              .ties = setup.ties},
       clipper_(setup.spec->clip, setup.view->geometry()),
       has_layers_(frame::HasLayers(*setup.spec)),
-      hits_(setup.layout->block_count()),
+      hits_(is_by_trees() ? 0 : setup.layout->block_count()),
       reported_(part_count),
       blocks_(part_count),
       reduced_{.image = std::move(image), .layers = {}, .active = nullptr},
@@ -47,14 +47,22 @@ Reduction::Reduction(const ReductionSetup& setup, std::size_t part_count, image:
 
 void Reduction::AddRayHits(std::size_t part_index, const std::vector<volume::BlockId>& hits,
                            std::vector<volume::BlockId> active) {
-  hits_.InsertAll(hits);
+  if (is_by_trees()) {
+    hit_ids_.insert(hit_ids_.end(), hits.begin(), hits.end());
+  } else {
+    hits_.InsertAll(hits);
+  }
   if (setup_.active == nullptr) {
     reported_[part_index] = std::move(active);
   }
 }
 
+volume::BlockSet Reduction::ray_hits() const {
+  return is_by_trees() ? volume::BlockSet(setup_.layout->block_count(), hit_ids_) : hits_;
+}
+
 void Reduction::Prepare() {
-  if (setup_.active != nullptr) {
+  if (setup_.active != nullptr && setup_.active->tree == nullptr) {
     FindFootprints(*setup_.active);
   }
 }
@@ -81,8 +89,8 @@ void Reduction::FindFootprints(const ActiveBlocks& active) {
   });
 }
 
-// Calls select(active index, selection to add it to) for every active block, in parallel, and joins
-// the selections of each part in order.
+// Calls select(begin, end, selection to add to) for every run of active blocks, in parallel, and
+// joins the selections of each part in order.
 template <typename Fn>
 std::vector<Reduction::Selection> Reduction::SelectBlocks(const Fn& select) const {
   const std::vector<std::size_t>& begins = reduced_.active->begin_by_agent;
@@ -101,9 +109,7 @@ std::vector<Reduction::Selection> Reduction::SelectBlocks(const Fn& select) cons
   base::RunIn(setup_.arena, [&] {
     tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t index) {
       Task& task = tasks[index];
-      for (std::size_t active_index = task.begin; active_index < task.end; ++active_index) {
-        select(active_index, &task.selection);
-      }
+      select(task.begin, task.end, &task.selection);
     });
   });
   std::vector<Selection> selections(blocks_.size());
@@ -125,51 +131,123 @@ void Reduction::ForEachPart(const Fn& fn) const {
   });
 }
 
-void Reduction::SelectOccluders(const PartReady& ready) {
-  reduced_.active = setup_.active != nullptr ? setup_.active
-                                             : std::make_shared<const ActiveBlocks>(
-                                                   reported_, setup_.layout->block_count());
-  const base::TraceScope trace(setup_.trace, "find occluders");
+std::vector<volume::BlockId> Reduction::MarkedBlocks(
+    const std::vector<std::uint64_t>& marks, std::size_t begin, std::size_t end,
+    std::vector<view::Footprint>* footprints) const {
+  const ActiveBlocks& active = *reduced_.active;
+  std::vector<volume::BlockId> ids;
+  for (std::size_t i = begin; i < end; ++i) {
+    if (active.tree->IsMarked(marks, i)) {
+      ids.push_back(active.ids[i]);
+    }
+  }
+  footprints->resize(ids.size());
+  setup_.view->FootprintsOf(*setup_.layout, ids, absl::MakeSpan(*footprints));
+  return ids;
+}
+
+std::vector<Reduction::Selection> Reduction::OccludersInSet() {
   const ActiveBlocks& active = *reduced_.active;
   reduced_.ray_hit_block_count = hits_.Count();
   occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active.set);
   if (footprints_.empty()) {
     FindFootprints(active);
   }
-  std::vector<Selection> selections = SelectBlocks([&](std::size_t active_index, Selection* part) {
-    if (occluding_.Contains(active.ids[active_index]) && !footprints_[active_index].rect.empty()) {
-      part->blocks.push_back(active.ids[active_index]);
+  return SelectBlocks([&](std::size_t begin, std::size_t end, Selection* part) {
+    for (std::size_t i = begin; i < end; ++i) {
+      if (occluding_.Contains(active.ids[i]) && !footprints_[i].rect.empty()) {
+        part->blocks.push_back(active.ids[i]);
+      }
     }
   });
+}
+
+std::vector<Reduction::Selection> Reduction::OccludersInTree() {
+  const ActiveTree& tree = *reduced_.active->tree;
+  const std::vector<std::uint64_t> hits = tree.MarksOf(hit_ids_);
+  reduced_.ray_hit_block_count = 0;
+  for (const std::uint64_t word : hits) {
+    reduced_.ray_hit_block_count += std::popcount(word);
+  }
+  occluding_marks_ = tree.blocks.WithNeighbours(hits);
+  return SelectBlocks([&](std::size_t begin, std::size_t end, Selection* part) {
+    std::vector<view::Footprint> footprints;
+    const std::vector<volume::BlockId> ids =
+        MarkedBlocks(occluding_marks_, begin, end, &footprints);
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      const bool is_clipped = !clipper_.empty() && clipper_.SideOf(*setup_.layout, ids[i]) ==
+                                                       view::Clipper::Side::kOutside;
+      if (!is_clipped && !footprints[i].rect.empty()) {
+        part->blocks.push_back(ids[i]);
+      }
+    }
+  });
+}
+
+void Reduction::SelectOccluders(const PartReady& ready) {
+  reduced_.active = setup_.active != nullptr
+                        ? setup_.active
+                        : std::make_shared<const ActiveBlocks>(reported_, *setup_.layout,
+                                                               setup_.max_dense_blocks);
+  const base::TraceScope trace(setup_.trace, "find occluders");
+  std::vector<Selection> selections =
+      reduced_.active->tree != nullptr ? OccludersInTree() : OccludersInSet();
   ForEachPart([&](std::size_t i) {
     blocks_[i].occluders = std::move(selections[i].blocks);
     ready(i, &blocks_[i]);
   });
 }
 
+std::vector<Reduction::Selection> Reduction::VisibleInSet(
+    const visibility::OcclusionMap& map) const {
+  const ActiveBlocks& active = *reduced_.active;
+  return SelectBlocks([&](std::size_t begin, std::size_t end, Selection* part) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const view::Footprint& footprint = footprints_[i];
+      const bool is_drawn = !has_layers_ && occluding_.Contains(active.ids[i]);
+      if (is_drawn || footprint.rect.empty() || map.Hides(footprint)) {
+        continue;
+      }
+      part->blocks.push_back(active.ids[i]);
+      // The 1-bit mask is the paper's: it culls blocks, not fragments.
+      if (has_depth()) {
+        part->open.push_back(map.OpenPixels(footprint));
+      }
+    }
+  });
+}
+
+std::vector<Reduction::Selection> Reduction::VisibleInTree(
+    const visibility::OcclusionMap& map) const {
+  const absl::Span<const std::uint64_t> drawn =
+      has_layers_ ? absl::Span<const std::uint64_t>() : occluding_marks_;
+  std::vector<std::uint64_t> open;
+  base::RunIn(setup_.arena, [&] {
+    open =
+        reduced_.active->tree->cubes.OpenBlocks(*setup_.view, *setup_.layout, clipper_, map, drawn);
+  });
+  return SelectBlocks([&](std::size_t begin, std::size_t end, Selection* part) {
+    std::vector<view::Footprint> footprints;
+    part->blocks = MarkedBlocks(open, begin, end, &footprints);
+    if (has_depth()) {
+      for (const view::Footprint& footprint : footprints) {
+        part->open.push_back(map.OpenPixels(footprint));
+      }
+    }
+  });
+}
+
 void Reduction::SelectVisible(const PartReady& ready) {
-  const bool has_depth = setup_.spec->culling == frame::Culling::kDepth;
   const base::TraceScope trace(setup_.trace, "cull");
   const visibility::OcclusionMap map = base::RunIn(setup_.arena, [&] {
     return visibility::OcclusionMap::FromImage(
-        reduced_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
+        reduced_.image, has_depth() ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
   });
-  const ActiveBlocks& active = *reduced_.active;
-  std::vector<Selection> selections = SelectBlocks([&](std::size_t active_index, Selection* part) {
-    const view::Footprint& footprint = footprints_[active_index];
-    const bool is_drawn = !has_layers_ && occluding_.Contains(active.ids[active_index]);
-    if (is_drawn || footprint.rect.empty() || map.Hides(footprint)) {
-      return;
-    }
-    part->blocks.push_back(active.ids[active_index]);
-    // The 1-bit mask is the paper's: it culls blocks, not fragments.
-    if (has_depth) {
-      part->open.push_back(map.OpenPixels(footprint));
-    }
-  });
+  std::vector<Selection> selections =
+      reduced_.active->tree != nullptr ? VisibleInTree(map) : VisibleInSet(map);
   ForEachPart([&](std::size_t i) {
     blocks_[i].visible = std::move(selections[i].blocks);
-    if (has_depth) {
+    if (has_depth()) {
       blocks_[i].open_pixels = visibility::EncodeOpenPixels(selections[i].open);
     }
     ready(i, &blocks_[i]);
@@ -182,7 +260,7 @@ ReducedFrame Reduction::Take() {
       part.open_pixels = {};
     }
     reduced_.blocks = std::move(blocks_);
-    reduced_.ray_hits = std::move(hits_);
+    reduced_.ray_hits = is_by_trees() ? ray_hits() : std::move(hits_);
   }
   return std::move(reduced_);
 }

@@ -34,8 +34,10 @@
 #include "core/image/pixel_mask.h"
 #include "core/view/clip_region.h"
 #include "core/view/view.h"
+#include "core/visibility/occlusion_map.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
+#include "core/volume/block_tree.h"
 #include "server/frame/active_blocks.h"
 
 namespace isoscope::server {
@@ -52,6 +54,8 @@ struct ReductionSetup {
   base::TaskArena* arena = nullptr;      // for the computations
   base::TraceRecorder* trace = nullptr;  // null: no trace was asked for
   bool keeps_blocks = false;             // the result has the blocks of each part
+  // A volume with more blocks is reduced by trees (ActiveTree): the same blocks, in less time.
+  std::int64_t max_dense_blocks = volume::kMaxDenseBlocks;
 };
 
 // The blocks that a part draws in steps 2 and 3; ascending.
@@ -88,7 +92,7 @@ class Reduction {
   void AddRayHits(std::size_t part_index, const std::vector<volume::BlockId>& hits,
                   std::vector<volume::BlockId> active);
   // The union of the hits that have come.
-  [[nodiscard]] const volume::BlockSet& ray_hits() const { return hits_; }
+  [[nodiscard]] volume::BlockSet ray_hits() const;
   // Prepares the data of known active blocks for SelectOccluders; else does nothing.
   void Prepare();
   void SelectOccluders(const PartReady& ready);
@@ -114,6 +118,19 @@ class Reduction {
   };
   template <typename Fn>
   [[nodiscard]] std::vector<Selection> SelectBlocks(const Fn& select) const;
+  // The steps of SelectOccluders and SelectVisible, by sets and by trees.
+  [[nodiscard]] std::vector<Selection> OccludersInSet();
+  [[nodiscard]] std::vector<Selection> OccludersInTree();
+  [[nodiscard]] std::vector<Selection> VisibleInSet(const visibility::OcclusionMap& map) const;
+  [[nodiscard]] std::vector<Selection> VisibleInTree(const visibility::OcclusionMap& map) const;
+  // Returns the marked ones of a run of active blocks, and sets their footprints.
+  [[nodiscard]] std::vector<volume::BlockId> MarkedBlocks(
+      const std::vector<std::uint64_t>& marks, std::size_t begin, std::size_t end,
+      std::vector<view::Footprint>* footprints) const;
+  [[nodiscard]] bool is_by_trees() const {
+    return setup_.layout->block_count() > setup_.max_dense_blocks;
+  }
+  [[nodiscard]] bool has_depth() const { return setup_.spec->culling == frame::Culling::kDepth; }
   template <typename Fn>
   void ForEachPart(const Fn& fn) const;
   void FindFootprints(const ActiveBlocks& active);
@@ -122,11 +139,13 @@ class Reduction {
   const image::FragmentOrder order_;
   const view::Clipper clipper_;
   const bool has_layers_;                               // then step 2 draws only opaque surfaces
-  volume::BlockSet hits_;                               // of all parts so far
+  volume::BlockSet hits_;                               // of all parts so far; unless by trees
+  std::vector<volume::BlockId> hit_ids_;                // the same, by trees; some several times
   std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by part
   volume::BlockSet occluding_;
-  std::vector<view::Footprint> footprints_;  // of the active blocks
-  std::vector<PartBlocks> blocks_;           // by part
+  std::vector<std::uint64_t> occluding_marks_;  // the same, by trees
+  std::vector<view::Footprint> footprints_;     // of the active blocks
+  std::vector<PartBlocks> blocks_;              // by part
   ReducedFrame reduced_;
   composite::RowLocks row_locks_;  // of its image
 };

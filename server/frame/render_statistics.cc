@@ -95,6 +95,9 @@ isoscope::v1::RenderStatistics ToProto(const FrameCost& cost) {
     proto.set_active_block_coverage(*cost.active_block_coverage);
   }
   proto.set_band_count(cost.band_count);
+  if (cost.unresolved_block_count.has_value()) {
+    proto.set_unresolved_block_count(*cost.unresolved_block_count);
+  }
   return proto;
 }
 

@@ -30,7 +30,8 @@ struct FrameCost {
   std::optional<absl::Duration> encode;  // not set: nothing was encoded
   std::vector<int> missing_shards;
   std::optional<double> active_block_coverage;
-  int band_count = 1;  // 1: drawn at once
+  int band_count = 1;                                  // 1: drawn at once
+  std::optional<std::int64_t> unresolved_block_count;  // not set: level 0, or not counted
 };
 
 // Takes what the agents and the steps of a frame have cost.

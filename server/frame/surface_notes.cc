@@ -149,7 +149,7 @@ class NoteSearch {
                 absl::StrCat(name, "the opacity of its colours, ", color_by.opacity_at_min, " to ",
                              color_by.opacity_at_max, ", is 0 wherever it would")});
       } else if (without_cells.test(i)) {
-        Add(i, samples.NoCellNoteOf(rule));
+        Add(i, samples.NoCellNoteOf(rule, spec_.level));
       } else if (outside.test(i)) {
         Add(i, {v1::SurfaceNote::REASON_OUTSIDE_PICTURE,
                 absl::StrCat(name,
@@ -257,8 +257,9 @@ class NoteSearch {
       spec.region = spec_.region;
     }
     spec.culling = how.culling;
-    spec.camera = how.sees_all ? view::MakeDefaultCamera(frame_.target->view.geometry().Bounds())
-                               : spec_.camera;
+    spec.camera =
+        how.sees_all ? view::MakeDefaultCamera(frame_.target->whole.Bounds()) : spec_.camera;
+    spec.level = spec_.level;
     if (how.is_clipped) {
       spec.clip = spec_.clip;
     }
@@ -277,9 +278,7 @@ class NoteSearch {
     target.selected.color_dataset_ids.clear();
     target.order.ties =
         frame::TieRuleOf(frame::DrawnBy(spec, frame_.target->dataset->picture_revision.back_end));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        target.view, view::View::Make(*spec.camera, spec.viewport, frame_.target->view.geometry(),
-                                      plain.spec.region));
+    ISOSCOPE_ASSIGN_OR_RETURN(target.view, target.ViewOf(plain.spec));
     std::vector<FramePart> parts = *frame_.parts;
     drawn_spec_ = plain.spec;
     drawn_order_ = target.order;

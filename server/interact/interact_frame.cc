@@ -46,7 +46,8 @@ absl::Status CheckOutput(const v1::ViewState& state) {
     return absl::InvalidArgumentError(
         "frame.allow_partial is set: must be unset in a view state, whose pictures are complete");
   }
-  if (output.depth() || output.surface_index() || output.position() || output.normal()) {
+  if (output.depth() || output.surface_index() || output.position() || output.normal() ||
+      output.depth_bounds()) {
     return absl::InvalidArgumentError(
         "frame.output asks for a plane: a view state must not; ask RenderIsosurface for planes");
   }
@@ -85,6 +86,7 @@ absl::StatusOr<wire::AskedFrame> MovingFrameOf(
   request.mutable_output()->set_jpeg_quality(quality.jpeg_quality);
   ISOSCOPE_ASSIGN_OR_RETURN(wire::AskedFrame moving, ConvertFrame(request));
   moving.with_notes = false;
+  moving.with_unresolved_count = false;
   moving.spec.effects.samples_per_side = 1;
   if (moving.spec.region.has_value()) {
     return moving;

@@ -15,9 +15,25 @@
 namespace isoscope::server {
 
 namespace v1 = isoscope::v1;
+namespace {
+
+enum class AnswerKind { kFrame, kTile, kError, kDeferral };
+
+AnswerKind KindOf(const v1::InteractResponse& message) {
+  if (message.has_tile()) {
+    return AnswerKind::kTile;
+  }
+  if (message.has_exact_deferred()) {
+    return AnswerKind::kDeferral;
+  }
+  return message.has_frame() ? AnswerKind::kFrame : AnswerKind::kError;
+}
+
+}  // namespace
 
 void InteractAnswer::SetError(const absl::Status& status) {
   message.clear_frame();
+  message.clear_tile();
   v1::FrameError& error = *message.mutable_error();
   error.set_code(static_cast<std::int32_t>(status.code()));
   error.set_message(rpc::BoundedMessage(status.message()));
@@ -28,20 +44,21 @@ void InteractAnswer::SetError(const absl::Status& status) {
 }
 
 void InteractOutbox::Push(InteractAnswer answer, base::MonotonicTime now) {
-  const bool is_frame = answer.message.has_frame();
+  const AnswerKind kind = KindOf(answer.message);
+  const bool shows = kind == AnswerKind::kFrame || kind == AnswerKind::kTile;
   const std::int64_t sequence = answer.message.sequence_number();
-  if (!is_frame) {
+  if (kind == AnswerKind::kError) {
     schedule_.OnError(now);
   }
-  if (is_closed_ || (is_frame && sequence < newest_sequence_)) {
+  if (is_closed_ || (shows && sequence < newest_sequence_)) {
     schedule_.OnDropped(answer.is_of_exact_work);
     return;
   }
-  if (is_frame) {
+  if (shows) {
     newest_sequence_ = sequence;
   }
   waiting_.remove_if([&](const InteractAnswer& older) {
-    const bool is_replaced = older.message.has_frame() == is_frame;
+    const bool is_replaced = kind != AnswerKind::kTile && KindOf(older.message) == kind;
     if (is_replaced) {
       schedule_.OnDropped(older.is_of_exact_work);
     }
@@ -61,13 +78,14 @@ const v1::InteractResponse* InteractOutbox::BeginWrite(base::MonotonicTime now) 
     in_flight_.memory.emplace(*std::move(waiting_.front().memory));
   }
   // The error of an exact frame waited as an exact answer, but needs no acknowledgement as one.
-  schedule_.OnSent(++sent_count_, now, waiting_.front().is_of_exact_work);
+  const bool is_of_exact_work = waiting_.front().is_of_exact_work;
+  schedule_.OnSent(++sent_count_, now, is_of_exact_work, waiting_.front().is_part);
   waiting_.pop_front();
   v1::InteractResponse& message = in_flight_.message;
   message.set_frame_number(sent_count_);
-  if (message.has_error()) {
-    schedule_.OnShown(sent_count_, now);  // the client shows nothing for an error
-  } else if (!message.is_exact()) {
+  if (message.has_error() || message.has_exact_deferred()) {
+    schedule_.OnShown(sent_count_, now);  // the client shows nothing for it
+  } else if (!is_of_exact_work) {
     constexpr std::int64_t kMaxUnshown = 1000;  // the client may never acknowledge frames
     moving_.insert(sent_count_);
     moving_.erase(sent_count_ - kMaxUnshown);
@@ -78,6 +96,15 @@ const v1::InteractResponse* InteractOutbox::BeginWrite(base::MonotonicTime now) 
 void InteractOutbox::EndWrite() {
   is_writing_ = false;
   in_flight_.memory.reset();
+}
+
+void InteractOutbox::DropParts() {
+  waiting_.remove_if([&](const InteractAnswer& answer) {
+    if (answer.is_part) {
+      schedule_.OnDropped(answer.is_of_exact_work);
+    }
+    return answer.is_part;
+  });
 }
 
 void InteractOutbox::Close() {

@@ -1,9 +1,9 @@
 // The answers of an interactive stream that wait for their client. No gRPC, no threads, no clock of
 // its own. Tells the schedule the end of each answer.
 //
-// One answer is written at a time. At most one frame and one error wait, because a newer one
-// replaces a waiting one of its kind. So a slow client holds one message in the network and two
-// here.
+// One answer is written at a time. At most one frame, one error and one deferral wait, because a newer
+// one replaces a waiting one of its kind. Tiles replace nothing, and wait one at a time: the schedule
+// begins none while one waits. So a slow client holds one message in the network and few here.
 
 #ifndef ISOSCOPE_SERVER_INTERACT_INTERACT_OUTBOX_H_
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_OUTBOX_H_
@@ -22,10 +22,11 @@
 
 namespace isoscope::server {
 
-// A frame, or an error.
+// A frame, a tile, an error, or a deferral of the exact frame.
 struct InteractAnswer {
   isoscope::v1::InteractResponse message = {};
   bool is_of_exact_work = false;
+  bool is_part = false;  // of an exact frame that comes in parts
   // Memory of the message and of gRPC's copy, until it is written: slow clients together must not
   // exceed the coordinator's memory.
   std::optional<base::MemoryBudget::Reservation> memory = std::nullopt;
@@ -46,6 +47,8 @@ class InteractOutbox {
   // EndWrite. Null: a write is under way, or no answer waits.
   const isoscope::v1::InteractResponse* BeginWrite(base::MonotonicTime now);
   void EndWrite();
+  // Drops what waits of an exact frame that comes in parts: another picture is wanted.
+  void DropParts();
   // Drops the waiting answers. From now on nothing is written.
   void Close();
 

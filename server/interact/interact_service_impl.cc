@@ -7,8 +7,13 @@
 //   frame shown                  OnShown, rate       Proceed
 //   picture drawn                OnDrawn             Proceed
 //   frame has ended              OnWorkEnded, rate   answer to outbox_, Proceed
+//   step at rest has ended       OnWorkEnded, rest_  answer to outbox_, ContinueExact, Proceed
 //   alarm                        -                   Proceed
 //   write done                   -                   next answer
+//
+// A view that refines gets its exact frame in steps (rest_progress.h). Each is a work of the schedule
+// with a ticket of its own; tiles share one PictureJob. A state with the same picture goes on with
+// them. Another picture drops them: a step that ends later finds that picture_begin_ has changed.
 //
 // The stream ends when the client closes its side, cancels, or sends a wrong message. It also ends
 // when the server stops, the token is withdrawn, or the stream makes room for another caller's
@@ -20,6 +25,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -39,10 +45,12 @@
 #include "server/call/public_call.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/picture_job.h"
+#include "server/interact/exact_cost.h"
 #include "server/interact/interact_frame.h"
 #include "server/interact/interact_outbox.h"
 #include "server/interact/interactive_schedule.h"
 #include "server/interact/rate_control.h"
+#include "server/interact/rest_progress.h"
 #include "wire/known_fields.h"
 #include "wire/proto_convert.h"
 
@@ -58,6 +66,9 @@ constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 // The depth grid of an exact frame, which is warped when the view begins to move.
 constexpr int kExactGridSide = 256;
+// Of the coarse frame of a view at rest, where the network carries moving frames of full quality:
+// it stays beside exact tiles, and at the usual quality its background differs from theirs.
+constexpr int kRestJpegQuality = 95;
 
 absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
   if (state.sequence_number() <= newest) {
@@ -82,6 +93,10 @@ void SetDepthGrid(const DepthGrid& grid, v1::DepthGrid* proto) {
   proto->set_depths(grid.depths);
 }
 
+DrawnLevels LevelsOf(const FrameFacts& facts) {
+  return {.drawn = facts.level, .asked = facts.asked_level, .coarsest = facts.coarsest_level};
+}
+
 // The end of a stream.
 struct StreamEnd {
   absl::Status status;
@@ -92,6 +107,20 @@ struct StreamEnd {
 struct AuditedFrame {
   CallDataset dataset;
   std::optional<absl::StatusCode> code;  // none: there was no line
+};
+
+// The exact frame of a view that refines, on its way.
+struct Rest {
+  RestProgress progress{RestWish()};
+  std::shared_ptr<PictureJob> job = nullptr;        // from the plan on
+  absl::Duration drawn_for = absl::ZeroDuration();  // all tiles so far
+};
+
+// A step of it.
+struct RestWork {
+  FrameStart start;
+  RestStep step;
+  std::int64_t picture_begin = 0;
 };
 
 // The next alarm. An alarm that rings too early is set again.
@@ -215,10 +244,29 @@ class InteractServiceImpl::InteractCall final
   absl::Status HandleState(const v1::ViewState& state, base::MonotonicTime now)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(CheckState(state, state_.sequence_number()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const RestWish wish, RestWishFromProto(state.refinement()));
+    const bool refines = state.has_refinement();
+    std::string picture = refines ? state.frame().SerializeAsString() : std::string();
+    const bool is_same = refines && state_.has_refinement() && picture == picture_;
+    if (state.frame().dataset() != state_.frame().dataset()) {
+      rate_.ForgetLevels();
+      cost_ = ExactCost();
+    }
     state_ = state;
+    picture_ = std::move(picture);
+    rate_.AllowCoarseLevels(wish.coarse_levels);
     rate_.SetTarget(state.target_frames_per_second() > 0 ? state.target_frames_per_second()
                                                          : RateControl::kDefaultFramesPerSecond);
-    schedule_.OnState(state.sequence_number(), state.is_at_rest(), now);
+    if (is_same) {
+      rest_.progress.SetWish(wish);
+      schedule_.OnSamePicture(state.sequence_number(), state.is_at_rest());
+      ContinueRest();
+      return absl::OkStatus();
+    }
+    picture_begin_ = state.sequence_number();
+    rest_ = Rest{.progress = RestProgress(wish)};
+    outbox_.DropParts();
+    schedule_.OnState(state.sequence_number(), state.is_at_rest(), now, refines);
     return absl::OkStatus();
   }
 
@@ -288,6 +336,10 @@ class InteractServiceImpl::InteractCall final
   }
 
   void Begin(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (start.is_exact && state_.has_refinement()) {
+      BeginRest(start);
+      return;
+    }
     const MovingQuality quality = rate_.quality();
     const v1::ViewState& state = state_;
     absl::StatusOr<AskedFrame> asked =
@@ -300,10 +352,13 @@ class InteractServiceImpl::InteractCall final
                                                  .client_deadline = call_.deadline(),
                                                  .max_duration = options_.max_frame_duration});
     using Job = absl::StatusOr<std::unique_ptr<PictureJob>>;
-    Job job = asked.ok()
-                  ? PictureJob::Admit(options_.runner, ticket, *std::move(asked),
-                                      start.is_exact ? kExactGridSide : quality.depth_grid_side)
-                  : Job(asked.status());
+    Job job = asked.ok() ? PictureJob::Admit(
+                               options_.runner, ticket, *std::move(asked),
+                               start.is_exact ? kExactGridSide : quality.depth_grid_side,
+                               state.has_refinement()
+                                   ? std::optional(CoarserLevel{.least = quality.least_level})
+                                   : std::nullopt)
+                         : Job(asked.status());
     if (!job.ok()) {
       Audit(*ticket, job.status());
       Refuse(start, job.status());
@@ -328,7 +383,7 @@ class InteractServiceImpl::InteractCall final
     schedule_.OnWorkEnded(start.work, is_told, base::MonotonicNow());
     if (is_told) {
       InteractAnswer answer{.is_of_exact_work = start.is_exact};
-      answer.message.set_sequence_number(start.sequence);
+      answer.message.set_sequence_number(SequenceOf(start));
       answer.SetError(status);
       Send(std::move(answer));
     }
@@ -360,6 +415,7 @@ class InteractServiceImpl::InteractCall final
     } else {
       answer.SetError(status);
     }
+    const FrameFacts facts = job->facts();
     job.reset();  // the images go with it
     if (auto memory = ticket->ReleaseMemory(2 * answer.message.ByteSizeLong());
         memory.has_value()) {
@@ -369,18 +425,240 @@ class InteractServiceImpl::InteractCall final
     const base::MutexLock lock(&mutex_);
     Audit(*ticket, status);
     frames_.erase(start.work);
+    answer.message.set_sequence_number(SequenceOf(start));
     // A frame that was replaced needs no answer. A failed moving frame is followed by an exact one,
     // which fails too and reports it.
     const bool is_told = status.ok() || (start.is_exact && !absl::IsCancelled(status));
     schedule_.OnWorkEnded(start.work, is_told, end);
     if (status.ok() && !start.is_exact) {
-      rate_.OnDrawn(drawn - begin, end);
+      rate_.OnDrawn(drawn - begin, end, LevelsOf(facts));
+      cost_.OnFrame(facts.active_bytes, end - begin, /*is_exact=*/false);
     }
     if (is_told) {
       Send(std::move(answer));
     }
     Proceed();
     FinishIfIdle();
+  }
+
+  // A frame of the picture that is wanted answers the newest state.
+  [[nodiscard]] std::int64_t SequenceOf(const FrameStart& start) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return start.sequence >= picture_begin_ ? state_.sequence_number() : start.sequence;
+  }
+
+  // Begins the next step of a view at rest.
+  void BeginRest(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    RestWork work{
+        .start = start, .step = rest_.progress.Next(cost_), .picture_begin = picture_begin_};
+    if (work.step.kind == RestStep::Kind::kTile && rest_.job->tile_grid() == nullptr) {
+      rest_.progress.OnTiles(
+          rest_.job->BeginTiles(rest_.progress.TileSide(cost_)) ? rest_.job->tile_grid() : nullptr);
+      work.step = rest_.progress.Next(cost_);
+    }
+    if (work.step.kind == RestStep::Kind::kNone) {
+      schedule_.OnWorkEnded(start.work, /*has_answer=*/false, base::MonotonicNow());
+    } else if (work.step.kind == RestStep::Kind::kDefer) {
+      Defer(start);
+    } else {
+      ScheduleRest(work);
+    }
+  }
+
+  void Defer(const FrameStart& start) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    rest_.progress.OnDeferred();
+    schedule_.OnWorkEnded(start.work, /*has_answer=*/true, base::MonotonicNow());
+    InteractAnswer answer{.is_of_exact_work = true, .is_part = true};
+    answer.message.set_sequence_number(state_.sequence_number());
+    *answer.message.mutable_exact_deferred() = rest_.progress.Deferral(cost_);
+    Send(std::move(answer));
+  }
+
+  // Takes a place for the step.
+  void ScheduleRest(const RestWork& work) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    using Kind = RestStep::Kind;
+    const Kind kind = work.step.kind;
+    auto ticket = std::make_shared<FrameTicket>(
+        options_.state, call_.origin(),
+        FrameClaim{.dataset = state_.frame().dataset(),
+                   .is_moving = kind == Kind::kCoarse || kind == Kind::kTile,
+                   .is_part = kind != Kind::kPlan && kind != Kind::kCoarse,
+                   .client_deadline = call_.deadline(),
+                   .max_duration = options_.max_frame_duration});
+    absl::StatusOr<std::shared_ptr<PictureJob>> job = AdmitRest(work.step, ticket);
+    if (!job.ok()) {
+      Audit(*ticket, job.status());
+      if (kind == Kind::kCoarse) {  // the exact frame reports it
+        rest_.progress.OnCoarse(nullptr);
+        schedule_.OnWorkEnded(work.start.work, /*has_answer=*/false, base::MonotonicNow());
+        schedule_.ContinueExact();
+        return;
+      }
+      FailRest();
+      Refuse(work.start, job.status());
+      return;
+    }
+    frames_[work.start.work] = ticket;
+    FrameTicket* const taken = ticket.get();
+    taken->Schedule([self = shared_from_this(), ticket = std::move(ticket), job = *std::move(job),
+                     work]() mutable { self->DrawRest(std::move(ticket), std::move(job), work); });
+  }
+
+  absl::StatusOr<std::shared_ptr<PictureJob>> AdmitRest(const RestStep& step,
+                                                        const std::shared_ptr<FrameTicket>& ticket)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    using Kind = RestStep::Kind;
+    if (step.kind == Kind::kTile || step.kind == Kind::kFinish) {
+      ISOSCOPE_RETURN_IF_ERROR(ticket->TakePlace(
+          step.kind == Kind::kTile ? rest_.job->SpecOfTile(step.tile) : rest_.job->spec(),
+          /*may_band=*/true));
+      return rest_.job;
+    }
+    MovingQuality quality = rate_.quality();
+    quality.scale = 1;
+    if (quality.jpeg_quality >= MovingQuality().jpeg_quality) {
+      quality.jpeg_quality = kRestJpegQuality;
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked, step.kind == Kind::kCoarse
+                                                    ? MovingFrameAtOnce(state_, quality)
+                                                    : ExactFrameOf(state_));
+    if (step.stays) {  // what its level hides counts, then
+      asked.with_unresolved_count = state_.frame().with_unresolved_count();
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<PictureJob> job,
+        PictureJob::Admit(options_.runner, ticket, std::move(asked), kExactGridSide,
+                          CoarserLevel{.least = step.least_level}));
+    return std::shared_ptr<PictureJob>(std::move(job));
+  }
+
+  // Runs on a frame thread.
+  void DrawRest(std::shared_ptr<FrameTicket> ticket, std::shared_ptr<PictureJob> job,
+                const RestWork& work) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MonotonicTime begin = base::MonotonicNow();
+    const bool is_tile = work.step.kind == RestStep::Kind::kTile;
+    InteractAnswer answer{.is_of_exact_work = true,
+                          .is_part = is_tile || work.step.kind == RestStep::Kind::kCoarse};
+    absl::Status status = RunRest(ticket, job.get(), work, &answer.message);
+    const base::MonotonicTime end = base::MonotonicNow();
+    if (!status.ok()) {
+      answer.SetError(status);
+    } else if (answer.message.has_frame() && job->depth_grid().has_value()) {
+      SetDepthGrid(*job->depth_grid(), answer.message.mutable_depth_grid());
+    }
+    std::optional<base::MemoryBudget::Reservation> memory;
+    {
+      const base::MutexLock lock(&mutex_);
+      Audit(*ticket, status);
+      frames_.erase(work.start.work);
+      NoteRest(work, status, end - begin, job, &answer.message);
+    }
+    job.reset();  // the images go with it, unless tiles follow
+    if (auto released = ticket->ReleaseMemory(2 * answer.message.ByteSizeLong());
+        released.has_value()) {
+      answer.memory.emplace(*std::move(released));
+    }
+
+    const base::MutexLock lock(&mutex_);
+    const bool is_current = work.picture_begin == picture_begin_;
+    const bool is_told =
+        is_current && !absl::IsCancelled(status) &&
+        (answer.message.has_frame() || answer.message.has_tile() ||
+         (answer.message.has_error() && work.step.kind != RestStep::Kind::kCoarse));
+    answer.message.set_sequence_number(state_.sequence_number());
+    schedule_.OnWorkEnded(work.start.work, is_told, end);
+    if (is_current) {
+      ContinueRest();
+    }
+    if (is_told) {
+      Send(std::move(answer));
+    }
+    Proceed();
+    FinishIfIdle();
+  }
+
+  absl::Status RunRest(const std::shared_ptr<FrameTicket>& ticket, PictureJob* job,
+                       const RestWork& work, v1::InteractResponse* message)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    using Kind = RestStep::Kind;
+    const auto on_drawn = [&] {
+      const base::MutexLock lock(&mutex_);
+      schedule_.OnDrawn(work.start.work);
+      Proceed();
+    };
+    switch (work.step.kind) {
+      case Kind::kPlan: {
+        v1::RenderIsosurfaceResponse frame;
+        bool is_drawn = false;
+        const auto begins = [&](const FrameFacts& facts) {
+          const base::MutexLock lock(&mutex_);
+          is_drawn = work.picture_begin == picture_begin_ && rest_.progress.OnFacts(facts, cost_);
+          return is_drawn;
+        };
+        ISOSCOPE_RETURN_IF_ERROR(job->RunIf(begins, &frame, on_drawn));
+        if (is_drawn) {
+          *message->mutable_frame() = std::move(frame);
+          message->set_is_exact(true);
+        }
+        return absl::OkStatus();
+      }
+      case Kind::kTile:
+        return job->RunTile(ticket, work.step.tile, message->mutable_tile());
+      case Kind::kFinish:
+        message->set_is_exact(true);
+        return job->FinishTiles(ticket, message->mutable_frame());
+      default:
+        message->set_is_exact(work.step.kind == Kind::kWhole);
+        return job->Run(message->mutable_frame(), on_drawn);
+    }
+  }
+
+  // Keeps what a step has made, and what it tells about the next ones.
+  void NoteRest(const RestWork& work, const absl::Status& status, absl::Duration took,
+                const std::shared_ptr<PictureJob>& job, v1::InteractResponse* message)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    using Kind = RestStep::Kind;
+    if (work.picture_begin != picture_begin_ || absl::IsCancelled(status)) {
+      return;
+    }
+    const Kind kind = work.step.kind;
+    const FrameFacts& facts = job->facts();
+    if (kind == Kind::kCoarse) {
+      rest_.progress.OnCoarse(status.ok() ? &message->frame().drawn_level() : nullptr);
+      if (status.ok()) {
+        message->mutable_frame()->mutable_statistics()->clear_agents();
+        cost_.OnFrame(facts.active_bytes, took, /*is_exact=*/false);
+      }
+      return;
+    }
+    if (!status.ok()) {
+      FailRest();
+      return;
+    }
+    if (kind == Kind::kTile) {
+      message->mutable_tile()->set_index(rest_.progress.drawn_tile_count());
+      rest_.progress.OnTileDrawn(work.step.tile);
+      rest_.drawn_for += took;
+    } else if (kind == Kind::kPlan && !message->has_frame()) {
+      rest_.job = job;
+    } else {
+      rest_.progress.OnExact();
+      cost_.OnFrame(facts.active_bytes, rest_.drawn_for + took, /*is_exact=*/true);
+      rest_.job.reset();
+    }
+  }
+
+  void FailRest() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    rest_.progress.OnError();
+    rest_.job.reset();
+    rest_.drawn_for = absl::ZeroDuration();
+  }
+
+  // Lets the schedule begin the next step, if there is one.
+  void ContinueRest() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (rest_.progress.Next(cost_).kind != RestStep::Kind::kNone) {
+      schedule_.ContinueExact();
+    }
   }
 
   // Writes a line of the audit log for the first frame of a dataset, and whenever the status of the
@@ -438,6 +716,8 @@ class InteractServiceImpl::InteractCall final
     }
     end_ = StreamEnd{.status = status};
     outbox_.Close();
+    picture_begin_ = std::numeric_limits<std::int64_t>::max();  // no picture is wanted
+    rest_ = Rest();
     for (const auto& [work, frame] : frames_) {
       frame->Cancel();
     }
@@ -464,7 +744,11 @@ class InteractServiceImpl::InteractCall final
   v1::InteractRequest request_;  // of the read under way
 
   base::Mutex mutex_;
-  v1::ViewState state_ ABSL_GUARDED_BY(mutex_);  // the newest
+  v1::ViewState state_ ABSL_GUARDED_BY(mutex_);             // the newest
+  std::string picture_ ABSL_GUARDED_BY(mutex_);             // bytes of its frame, if it refines
+  std::int64_t picture_begin_ ABSL_GUARDED_BY(mutex_) = 0;  // the first state with this picture
+  Rest rest_ ABSL_GUARDED_BY(mutex_);
+  ExactCost cost_ ABSL_GUARDED_BY(mutex_);
   InteractiveSchedule schedule_ ABSL_GUARDED_BY(mutex_);
   RateControl rate_ ABSL_GUARDED_BY(mutex_);
   std::map<std::int64_t, std::shared_ptr<FrameTicket>> frames_ ABSL_GUARDED_BY(mutex_);  // by work

@@ -1,6 +1,7 @@
 // The rules, in the order in which Next applies them:
 //
-// 1. Cancel. A frame in work is cancelled if its state was replaced, or if it is a moving frame of
+// 1. Cancel. Parts of an exact frame (a view that refines) are cancelled as soon as another picture is
+//    wanted. Else: A frame in work is cancelled if its state was replaced, or if it is a moving frame of
 //    a view at rest. But only while less than half of its expected time has passed, and never two
 //    in a row, so that a steady drag still shows frames. Quick moving frames stay
 //    (kWorthCancelling).
@@ -30,10 +31,22 @@ void Blend(absl::Duration value, std::optional<absl::Duration>* mean) {
 
 }  // namespace
 
-void InteractiveSchedule::OnState(std::int64_t sequence, bool is_at_rest, base::MonotonicTime now) {
+void InteractiveSchedule::OnState(std::int64_t sequence, bool is_at_rest, base::MonotonicTime now,
+                                  bool refines) {
   newest_ = sequence;
   newest_time_ = now;
   newest_rests_ = is_at_rest;
+  newest_refines_ = refines;
+}
+
+void InteractiveSchedule::OnSamePicture(std::int64_t sequence, bool is_at_rest) {
+  for (auto& [number, work] : in_work_) {
+    work.sequence = work.sequence == newest_ ? sequence : work.sequence;
+  }
+  moving_started_ = moving_started_ == newest_ ? sequence : moving_started_;
+  exact_started_ = exact_started_ == newest_ ? sequence : exact_started_;
+  newest_ = sequence;
+  newest_rests_ = newest_rests_ || is_at_rest;
 }
 
 void InteractiveSchedule::OnDrawn(std::int64_t work) {
@@ -48,8 +61,8 @@ void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, base::
   if (it == in_work_.end()) {
     return;
   }
-  cancelled_last_ = it->second.is_cancelled;
-  if (!it->second.is_cancelled) {
+  cancelled_last_ = it->second.is_cancelled && !it->second.is_part;
+  if (!it->second.is_cancelled && !it->second.is_part) {
     Blend(now - it->second.start, it->second.is_exact ? &expected_exact_ : &expected_moving_);
   }
   waiting_count_ += has_answer ? 1 : 0;
@@ -57,10 +70,11 @@ void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, base::
   in_work_.erase(it);
 }
 
-void InteractiveSchedule::OnSent(std::int64_t frame_number, base::MonotonicTime now,
-                                 bool is_exact) {
+void InteractiveSchedule::OnSent(std::int64_t frame_number, base::MonotonicTime now, bool is_exact,
+                                 bool is_part) {
   OnDropped(is_exact);
-  sent_.emplace(frame_number, Sent{.time = now, .is_exact = is_exact});
+  sent_.emplace(frame_number, Sent{.time = now, .is_exact = is_exact, .is_part = is_part});
+  sent_part_count_ += is_part ? 1 : 0;
 }
 
 void InteractiveSchedule::OnDropped(bool is_exact) {
@@ -74,6 +88,7 @@ std::optional<absl::Duration> InteractiveSchedule::OnShown(std::int64_t frame_nu
     const auto it = frames->find(frame_number);
     if (it != frames->end()) {
       const absl::Duration delay = now - it->second.time;
+      sent_part_count_ -= frames == &sent_ && it->second.is_part ? 1 : 0;
       frames->erase(it);
       return delay;
     }
@@ -94,6 +109,7 @@ std::vector<std::int64_t> InteractiveSchedule::Expire(base::MonotonicTime now) {
     }
     expired.push_back(it->first);
     overdue_.insert(*it);
+    sent_part_count_ -= it->second.is_part ? 1 : 0;
     it = sent_.erase(it);
   }
   while (overdue_.size() > kMaxOverdue) {
@@ -112,7 +128,8 @@ bool InteractiveSchedule::MayDraw() const {
 bool InteractiveSchedule::MayBeginExact() const {
   const auto unshown = std::count_if(sent_.begin(), sent_.end(),
                                      [](const auto& sent) { return sent.second.is_exact; });
-  return in_work_.empty() && waiting_exact_count_ == 0 && unshown < kExactCredits;
+  return in_work_.empty() && waiting_exact_count_ == 0 &&
+         unshown < (newest_refines_ ? kPartCredits : kExactCredits);
 }
 
 base::MonotonicTime InteractiveSchedule::NextExpiry() const {
@@ -136,7 +153,10 @@ FrameStart InteractiveSchedule::Begin(bool is_exact, base::MonotonicTime now) {
     exact_started_ = newest_;
   }
   const std::int64_t work = next_work_++;
-  in_work_[work] = {.sequence = newest_, .is_exact = is_exact, .start = now};
+  in_work_[work] = {.sequence = newest_,
+                    .is_exact = is_exact,
+                    .is_part = is_exact && newest_refines_,
+                    .start = now};
   return {.work = work, .sequence = newest_, .is_exact = is_exact};
 }
 
@@ -151,7 +171,9 @@ InteractiveSchedule::Step InteractiveSchedule::Next(base::MonotonicTime now) {
     const bool is_stale = work.sequence != newest_ || (rests && !work.is_exact);
     const bool other_is_cancelled = std::any_of(
         in_work_.begin(), in_work_.end(), [](const auto& w) { return w.second.is_cancelled; });
-    if (is_stale && !other_is_cancelled && MayCancel(work, now)) {
+    const bool may_cancel =
+        work.is_part ? !work.is_cancelled : !other_is_cancelled && MayCancel(work, now);
+    if (is_stale && may_cancel) {
       work.is_cancelled = true;
       step.cancel.push_back(number);
     }

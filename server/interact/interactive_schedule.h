@@ -37,15 +37,23 @@ class InteractiveSchedule {
   // The most exact frames that were sent and not shown. They have their own credits, so that moving
   // frames on their way delay none.
   static constexpr int kExactCredits = 2;
+  // The same of a view that refines, whose exact frame comes in parts.
+  static constexpr int kPartCredits = 4;
   // After an error nothing begins for this long, so a client of wrong states gets only some errors.
   static constexpr absl::Duration kErrorPause = absl::Milliseconds(100);
   // A moving frame that takes less is not worth cancelling: it would be shown long before the next
   // one is complete.
   static constexpr absl::Duration kWorthCancelling = absl::Milliseconds(100);
 
-  // Sets a new state, which replaces all before it. REQUIRES: `sequence` is greater than every
-  // earlier one.
-  void OnState(std::int64_t sequence, bool is_at_rest, base::MonotonicTime now);
+  // Sets a new state, which replaces all before it. `refines`: its exact frame comes in parts, each
+  // of which is an exact work, and which are cancelled at once by another picture. REQUIRES:
+  // `sequence` is greater than every earlier one.
+  void OnState(std::int64_t sequence, bool is_at_rest, base::MonotonicTime now,
+               bool refines = false);
+  // Sets a new state with the picture of the newest one: what was begun for that is begun for this.
+  void OnSamePicture(std::int64_t sequence, bool is_at_rest);
+  // The exact frame of the newest state needs another work.
+  void ContinueExact() { exact_started_ = 0; }
   // The picture of the work is drawn, and is now encoded.
   void OnDrawn(std::int64_t work);
   // The work has ended. If `has_answer`, its answer waits to be sent.
@@ -53,8 +61,9 @@ class InteractiveSchedule {
   // An answer is an error.
   void OnError(base::MonotonicTime now) { pause_end_ = now + kErrorPause; }
   // An answer was passed to the network, under the number that the client will acknowledge.
-  // `is_exact`: it is an exact frame, or the error of one.
-  void OnSent(std::int64_t frame_number, base::MonotonicTime now, bool is_exact = false);
+  // `is_exact`: it is of an exact work. `is_part`: it is a part, which delays no moving frame.
+  void OnSent(std::int64_t frame_number, base::MonotonicTime now, bool is_exact = false,
+              bool is_part = false);
   // A waiting answer was replaced by a newer one, and will not be sent.
   void OnDropped(bool is_exact = false);
   // The client has shown a frame. Returns the time since it was sent; none if it was shown before,
@@ -74,7 +83,8 @@ class InteractiveSchedule {
   Step Next(base::MonotonicTime now);
 
   [[nodiscard]] int under_way_count() const {
-    return static_cast<int>(in_work_.size()) + waiting_count_ + static_cast<int>(sent_.size());
+    return static_cast<int>(in_work_.size()) + waiting_count_ + static_cast<int>(sent_.size()) -
+           sent_part_count_;
   }
   [[nodiscard]] bool is_working() const { return !in_work_.empty(); }
 
@@ -82,12 +92,14 @@ class InteractiveSchedule {
   struct Sent {
     base::MonotonicTime time;
     bool is_exact = false;
+    bool is_part = false;
   };
   struct Work {
     std::int64_t sequence = 0;
     bool is_exact = false;
     bool is_cancelled = false;
     bool is_drawn = false;
+    bool is_part = false;  // of an exact frame
     base::MonotonicTime start;
   };
 
@@ -106,6 +118,7 @@ class InteractiveSchedule {
   std::int64_t newest_ = 0;
   base::MonotonicTime newest_time_;
   bool newest_rests_ = false;
+  bool newest_refines_ = false;
   std::int64_t moving_started_ = 0;  // newest state whose moving frame was begun
   std::int64_t exact_started_ = 0;   // newest state whose exact frame was begun
 
@@ -120,6 +133,7 @@ class InteractiveSchedule {
   int waiting_count_ = 0;
   int waiting_exact_count_ = 0;           // among the waiting ones
   std::map<std::int64_t, Sent> sent_;     // sent and not shown yet
+  int sent_part_count_ = 0;               // among them
   std::map<std::int64_t, Sent> overdue_;  // the last kMaxOverdue that timed out
 };
 

@@ -1,5 +1,8 @@
 // The setting comes from two ladders, one for the network and one for the machine. The coarser of
-// their sizes applies.
+// their sizes applies. The machine's has levels below its sizes (level_ladder.h): a picture of a
+// coarser level is as sharp on the screen as the volume allows, a smaller one is not. So sizes fall
+// only at the coarsest level, and rise before a finer level is tried. The network's has no levels: a
+// coarser level has no fewer bytes.
 //
 // The round trip of an unknown connection must be measured before frames queue on it. So a stream
 // begins with small frames. If the first is shown quickly, the finest setting follows at once. Else
@@ -45,49 +48,30 @@ constexpr std::array<double, 5> kSizes = {1, 0.75, 0.5, 0.375, 0.25};
 constexpr std::size_t kFirstNetworkStep = 5;
 constexpr absl::Duration kFastDelay = absl::Milliseconds(20);
 
-constexpr int kOverloadsToCoarsen = 3;
-constexpr double kSevereLoad = 2;  // above this the ladder reacts at once
-constexpr double kRoomToRefine = 0.9;
+constexpr double kOverdueLoad = 2 * QualityLadder::kSevereLoad;
 constexpr absl::Duration kDelayNoise = absl::Milliseconds(30);
 constexpr absl::Duration kSpan = absl::Seconds(5);
 
 }  // namespace
 
-void QualityLadder::OnLoad(double load, double finer_load, base::MonotonicTime now) {
-  if (load > 1) {
-    ++overload_count_;
-    const bool is_due = overload_count_ >= kOverloadsToCoarsen || load > kSevereLoad;
-    // After a step, frames of the previous setting are still on their way.
-    if (!is_due || step_ + 1 >= step_count_ || now - last_change_ < absl::Milliseconds(250)) {
-      return;
-    }
-    if (is_starting_) {
-      is_starting_ = false;
-      hold_ = kMinHold;
-    } else if (last_was_finer_ && now - last_change_ < hold_) {
-      hold_ = std::min(hold_ * 2, kMaxHold);
-    }
-    ++step_;
-    last_was_finer_ = false;
-  } else {
-    overload_count_ = 0;
-    if (step_ == 0 || finer_load > kRoomToRefine || now - last_change_ < hold_) {
-      return;
-    }
-    --step_;
-    last_was_finer_ = true;
-  }
-  overload_count_ = 0;
-  last_change_ = now;
-}
-
 RateControl::RateControl() : network_(kNetworkSteps.size()), size_(kSizes.size()) {
   network_.StartAt(kFirstNetworkStep);
 }
 
-void RateControl::OnDrawn(absl::Duration duration, base::MonotonicTime now) {
+void RateControl::OnDrawn(absl::Duration duration, base::MonotonicTime now,
+                          const DrawnLevels& levels) {
   mean_drawn_ = mean_drawn_ == absl::ZeroDuration() ? duration : (mean_drawn_ * 3 + duration) / 4;
   const double load = absl::FDivDuration(duration, period_);
+  if (allows_levels_) {
+    if (!levels_.OnDrawn(levels, duration, now)) {
+      return;
+    }
+    const bool is_its_turn = load > 1 ? levels_.can_coarsen() : levels_.can_refine();
+    if (size_.step() == 0 && is_its_turn) {
+      levels_.OnLoad(load, now);
+      return;
+    }
+  }
   const std::size_t step = size_.step();
   const double ratio = step == 0 ? 1 : std::pow(kSizes[step - 1] / kSizes[step], 2);
   constexpr double kFixedShare = 1.0 / 3;
@@ -114,7 +98,7 @@ void RateControl::OnShown(absl::Duration delay, absl::Duration decode, base::Mon
   network_.OnLoad(load, load < 0.5 ? 0 : 1, now);
 }
 
-void RateControl::OnOverdue(base::MonotonicTime now) { network_.OnLoad(2 * kSevereLoad, 1, now); }
+void RateControl::OnOverdue(base::MonotonicTime now) { network_.OnLoad(kOverdueLoad, 1, now); }
 
 absl::Duration RateControl::round_trip() const {
   if (!least_.has_value()) {
@@ -127,7 +111,8 @@ MovingQuality RateControl::quality() const {
   const NetworkStep& step = kNetworkSteps[network_.step()];
   return {.jpeg_quality = step.jpeg_quality,
           .scale = std::min(step.scale, kSizes[size_.step()]),
-          .depth_grid_side = step.depth_grid_side};
+          .depth_grid_side = step.depth_grid_side,
+          .least_level = allows_levels_ ? levels_.level() : std::optional<int>(0)};
 }
 
 int RateControl::credits() const {

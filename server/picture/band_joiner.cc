@@ -148,6 +148,20 @@ std::string BandJoiner::TakeEncodedRows() {
   return all;
 }
 
+absl::StatusOr<std::string> BandJoiner::EncodePart(const view::Region& part) const {
+  ISOSCOPE_CHECK_EQ(pixels_.size(), Times(size_.width_px, size_.height_px));
+  return base::OrNoMemory("the bytes of a tile", [&]() -> absl::StatusOr<std::string> {
+    std::vector<image::Rgba8> pixels;
+    pixels.reserve(Times(part.width_px, part.height_px));
+    for (int y = part.y; y < part.y + part.height_px; ++y) {
+      const auto row =
+          pixels_.begin() + static_cast<std::ptrdiff_t>(Times(size_.width_px, y)) + part.x;
+      pixels.insert(pixels.end(), row, row + part.width_px);
+    }
+    return image::EncodePng(part.width_px, part.height_px, pixels, spec_.background_color);
+  });
+}
+
 absl::StatusOr<FrameOutput> BandJoiner::Finish() {
   const frame::OutputSpec& wanted = spec_.output;
   if (is_by_rows()) {

@@ -22,9 +22,9 @@
 
 namespace isoscope::server {
 
-// Bands come in rows from the top, each row from the left; all of a row have the same height. All
-// functions may throw std::bad_alloc, and work in the tbb::task_arena of the caller.
-// Thread-compatible.
+// Bands come in rows from the top, each row from the left; all of a row have the same height. If
+// nothing is encoded by rows, they come in any order. All functions may throw std::bad_alloc, and
+// work in the tbb::task_arena of the caller. Thread-compatible.
 class BandJoiner {
  public:
   // spec:               of the whole; outlives the joiner
@@ -41,6 +41,10 @@ class BandJoiner {
   // Encodes the rows that are complete. Call it when the images of the band are gone. INTERNAL if a
   // pixel of a PNG over an opaque background is translucent; RESOURCE_EXHAUSTED if memory runs out.
   absl::Status EncodeRows();
+
+  // Returns a part of the picture as PNG: the bytes of a frame of that region. RESOURCE_EXHAUSTED if
+  // memory runs out. REQUIRES: the picture is a PNG, is not encoded by rows, and has that part.
+  [[nodiscard]] absl::StatusOr<std::string> EncodePart(const view::Region& part) const;
 
   // Returns the output of the whole. REQUIRES: all bands were added. RESOURCE_EXHAUSTED if memory
   // runs out.

@@ -6,6 +6,7 @@
 //   surface_index   1       the surface of its owner              255
 //   position        12      three floats: point at its distance   NaN
 //   normal          12      three floats: its coded normal        NaN
+//   depth_bounds    8       (not from the image: distances of the bounds, infinity for none)
 //
 // All are little-endian, row by row. Rows are filled in parallel. PointAt computes the same values
 // for one pixel.
@@ -153,6 +154,22 @@ std::string NormalPlane(const image::FrameImage& image) {
                 i, &plane);
   });
   return plane;
+}
+
+void AppendBounds(const visibility::DepthBounds& bounds, const view::View& view,
+                  std::string* plane) {
+  const view::Unprojection unprojection(view);
+  const std::size_t begin = plane->size();
+  const std::size_t pixel_count = bounds.nearest().size();
+  plane->resize(begin + pixel_count * frame::kDepthBoundsBytes);
+  char* to = plane->data() + begin;
+  for (std::size_t i = 0; i < pixel_count; ++i) {
+    const bool is_background = bounds.IsBackground(i);
+    for (const float depth : {bounds.nearest()[i], bounds.farthest()[i]}) {
+      base::StoreLittleEndian(is_background ? kNoDistance : unprojection.DistanceOf(depth), to);
+      to += frame::kDepthBytes;
+    }
+  }
 }
 
 std::optional<PixelPoint> PointAt(const image::FrameImage& image, int x, int y,

@@ -13,6 +13,7 @@
 #include "core/image/frame_image.h"
 #include "core/math/vec.h"
 #include "core/view/view.h"
+#include "core/visibility/depth_bounds.h"
 
 namespace isoscope::server {
 
@@ -24,9 +25,11 @@ struct FrameOutput {
   std::string surface_index;
   std::string position;
   std::string normal;
+  std::string depth_bounds;
 
   [[nodiscard]] std::size_t size_bytes() const {
-    return image.size() + depth.size() + surface_index.size() + position.size() + normal.size();
+    return image.size() + depth.size() + surface_index.size() + position.size() + normal.size() +
+           depth_bounds.size();
   }
 };
 
@@ -39,13 +42,18 @@ inline constexpr std::uint8_t kBackgroundSurface = 255;
 absl::StatusOr<std::string> EncodePicture(const image::FrameImage& image,
                                           const frame::FrameSpec& spec);
 
-// Fills the planes that the spec asks for, except normals, from depths and owners. Works in
+// Fills the planes that the spec asks for, except normals and bounds, from depths and owners. Works in
 // parallel, as EncodePicture. Throws std::bad_alloc if memory runs out; so does NormalPlane.
 void FillPlanes(const image::FrameImage& image, const frame::FrameSpec& spec,
                 const view::View& view, const image::FragmentOrder& order, FrameOutput* output);
 
 // Returns the plane of normals of an image that carries them (FrameSpec::sends_normals).
 std::string NormalPlane(const image::FrameImage& image);
+
+// Appends rows of the plane of bounds, from window depths: two distances a pixel, both infinite
+// where no block is.
+void AppendBounds(const visibility::DepthBounds& bounds, const view::View& view,
+                  std::string* plane);
 
 // The surface point at one pixel.
 struct PixelPoint {

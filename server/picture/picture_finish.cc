@@ -70,7 +70,7 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
   }
   finished.truncated_pixel_count =
       picture::BlendLayers(*setup.layers, spec, PictureRectOf(spec, window), drawn);
-  if (spec.output.any_plane()) {
+  if (spec.output.any_drawn_plane()) {
     picture::ShowNearestKeys(*setup.layers, drawn);
   }
   if (window.is_picture_of(spec)) {

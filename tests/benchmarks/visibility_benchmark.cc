@@ -1,5 +1,6 @@
-// Steps 1 to 3 without a sample: rays, footprints, the occlusion map and its tests, for a volume of
-// 512^3 cells in blocks of 8^3 (262144 blocks) and a picture of 1024 x 1024, on one core.
+// Steps 1 to 3 without a sample: rays, footprints, the occlusion map and its tests; bounds of depth.
+// For a volume of 512^3 cells in blocks of 8^3 (262144 blocks) and a picture of 1024 x 1024, on one
+// core.
 
 #include <cmath>
 #include <cstddef>
@@ -14,8 +15,13 @@
 
 #include "core/base/check.h"
 #include "core/base/random.h"
+#include "core/view/clip_region.h"
+#include "core/visibility/depth_bounds.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/occlusion_map.h"
+#include "core/volume/range_table.h"
+#include "core/volume/scalar_span.h"
+#include "core/volume/scalar_type.h"
 
 namespace isoscope::visibility {
 namespace {
@@ -97,6 +103,26 @@ void BM_OccludingBlocks(benchmark::State& state) {
   }
 }
 BENCHMARK(BM_OccludingBlocks)->Unit(benchmark::kMillisecond);
+
+// The plane of bounds of depth.
+void BoundAll(const volume::BlockSet& active, benchmark::State* state) {
+  const view::View view = MakeView();
+  const volume::BlockLayout layout = MakeLayout();
+  const view::Clipper clipper;
+  const std::vector<volume::BlockId> ids = active.Ids();
+  for (auto _ : *state) {
+    DepthBounds bounds(kSize, kSize);
+    AddSurfaceBlocks({.view = &view, .layout = &layout, .clipper = &clipper, .ids = ids}, &bounds);
+    benchmark::DoNotOptimize(bounds);
+  }
+  state->counters["active"] = static_cast<double>(active.Count());
+}
+void BM_DepthBoundsOfShell(benchmark::State& state) { BoundAll(MakeShell(MakeLayout()), &state); }
+BENCHMARK(BM_DepthBoundsOfShell)->Unit(benchmark::kMillisecond);
+void BM_DepthBoundsOfScattered(benchmark::State& state) {
+  BoundAll(MakeScattered(MakeLayout(), 0.3), &state);
+}
+BENCHMARK(BM_DepthBoundsOfScattered)->Unit(benchmark::kMillisecond);
 
 // An agent's work for a frame besides walking its rays: the active blocks of the whole table, the
 // set-up of the rays, the listing of the hits.

@@ -183,11 +183,12 @@ class BandsTest : public ::testing::Test {
     cut.mutable_caps()->mutable_range()->Clear();
     cut.mutable_caps()->mutable_range()->set_source(v1::ColorRange::SOURCE_VISIBLE);
     add("cut of what is visible", cut);
-    v1::RenderIsosurfaceRequest planes = RequestOf(900, 760);
+    v1::RenderIsosurfaceRequest planes = RequestOf(840, 720);
     planes.mutable_output()->set_depth(true);
     planes.mutable_output()->set_surface_index(true);
     planes.mutable_output()->set_position(true);
     planes.mutable_output()->set_normal(true);
+    planes.mutable_output()->set_depth_bounds(true);
     add("planes", planes);
     planes.mutable_silhouette()->set_width_px(2);
     planes.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
@@ -209,6 +210,7 @@ class BandsTest : public ::testing::Test {
     EXPECT_TRUE(banded.surface_index() == whole.surface_index());
     EXPECT_TRUE(banded.position() == whole.position());
     EXPECT_TRUE(banded.normal() == whole.normal());
+    EXPECT_TRUE(banded.depth_bounds() == whole.depth_bounds());
     using google::protobuf::util::MessageDifferencer;
     EXPECT_TRUE(MessageDifferencer::Equals(banded.camera(), whole.camera()));
     EXPECT_TRUE(MessageDifferencer::Equals(banded.extent(), whole.extent()));

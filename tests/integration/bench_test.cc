@@ -176,6 +176,28 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
   EXPECT_TRUE(NothingIsLeftBehind());
 }
 
+// The pictures of both ways are compared inside: a difference is an error.
+TEST_F(BenchTest, FramesOfTheOwnersAreTimedBesideWholeFrames) {
+  ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume_, folder_.Sub("dataset"), 3, 4));
+  const CommandResult result = RunIsoscopeBench(
+      {"owners", folder_.Sub("dataset"), "--isovalue", "128", "--runs", "2", "--frames", "3",
+       "--width", "96", "--height", "80", "--json", folder_.Sub("owners.json")},
+      Options(kSystemPath));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("whole / owners: "));
+  const json owners = json::parse(ReadFile("owners.json"), nullptr, /*allow_exceptions=*/false);
+  EXPECT_GT(owners["owners"]["block_count"], 0);
+  EXPECT_LE(owners["owners"]["block_count"], owners["whole"]["block_count"]);
+  EXPECT_LE(owners["whole"]["block_count"], owners["active_block_count"]);
+  EXPECT_GT(owners["owners"]["triangle_count"], 0);
+  ASSERT_EQ(owners["whole_ms"].size(), 2);
+  EXPECT_EQ(owners["owners_ms"][1].size(), 3);
+
+  const CommandResult without = RunIsoscopeBench({"owners", folder_.Sub("dataset")});
+  EXPECT_EQ(without.exit_code, 2);
+  EXPECT_THAT(without.err, HasSubstr("--isovalue V is missing"));
+}
+
 TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {
   const std::vector<std::string> tail = {"--output",         folder_.Sub("paper"),
                                          "--isovalues",      "auto",

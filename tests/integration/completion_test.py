@@ -59,6 +59,7 @@ LINES = [
     ("isoscope-bench frame --rend", ["--renderer"], []),
     ("isoscope-bench frame --renderer e", ["egl"], ["cpu"]),
     ("isoscope partition v.nrrd --distribution g", ["greedy"], ["random"]),
+    ("isoscope partition v.nrrd --levels ", ["auto", "none"], ["lz4"]),
     ("isoscope completion ", ["bash", "zsh", "fish"], []),
     ("isoscope help exp", ["export"], ["render"]),
     ("isoscope-agent --rend", ["--renderer"], ["--shard"]),

@@ -40,6 +40,30 @@ def test_a_percentile_is_the_smallest_value_that_its_share_does_not_exceed():
     assert interactive.median([]) == 0
 
 
+class Camera:
+    def azimuth(self, degrees):
+        return ('azimuth', degrees)
+
+
+class Dataset:
+    def camera(self, view, azimuth, elevation):
+        return Camera()
+
+
+@pytest.mark.parametrize('flags, words', [([], {}), (['--level', '0'], {'level': 0}), (['--level', '2'], {'level': 2}),
+                                          (['--max-spacing', '1.1'], {'max_spacing': 1.1})])
+def test_frames_ask_for_the_level_that_is_given_and_for_none_without(flags, words):
+    arguments = interactive.make_parser().parse_args(['drag', 'head', '--isovalue', '60', *flags])
+    assert interactive.look_of(Dataset(), arguments, 3) == {
+        'isovalue': 60, 'camera': ('azimuth', 3), 'size': (1024, 1024), **words}
+
+
+def test_a_level_and_a_spacing_exclude_each_other(capsys):
+    with pytest.raises(SystemExit):
+        interactive.make_parser().parse_args(['drag', 'head', '--isovalue', '60', '--level', '1', '--max-spacing', '2'])
+    assert 'not allowed with' in capsys.readouterr().err
+
+
 def dragged(is_exact=True):
     return interactive.Drag(seconds=2, latencies_ms=[10, 30, 20], heights_px=[512, 1024, 1024],
                             frame_bytes=[2048, 1024, 4096], exact_ms=150, exact_is_that_of_render=is_exact)
@@ -53,6 +77,24 @@ def test_the_text_of_a_drag_says_rate_latency_size_and_whether_the_exact_frame_i
     assert 'exact 150 ms after the last state, the bytes' in text
     assert 'NOT the bytes' in dragged(is_exact=False).text()
     assert '0.0 frames a second' in interactive.Drag().text()
+
+
+def test_the_text_of_a_view_that_refines_says_levels_tiles_and_what_a_limit_deferred():
+    refined = dragged()
+    refined.levels.update([2, 3, 2])
+    refined.coarse_ms, refined.coarse_level, refined.tile_ms = 80, 1, [200, 900]
+    text = refined.text()
+    assert 'moving frames: 2 of level 2, 1 of level 3' in text
+    assert 'level 1 in full size 80 ms after' in text
+    assert '2 tiles, the first 200 ms and the last 900 ms' in text
+    assert 'level' not in dragged().text()
+    refined.deferred = {'bytes': 5000, 'ms': 120, 'seconds': 2.5}
+    assert 'deferred 120 ms after the last state: 5000 bytes and 2.5 s expected' in refined.text()
+    assert figures(refined, 'drag', 'head')['frames_by_level'] == {'2': 2, '3': 1}
+
+
+def test_limits_of_the_exact_frame_need_refinement():
+    assert 'are limits of --refine' in refusal('drag', 'head', *SMALL, '--max-exact-bytes', '5')
 
 
 def test_the_json_of_a_drag_has_the_same_figures():

@@ -206,6 +206,93 @@ TEST_F(PlanesTest, PlanesDoNotDependOnAgentsCullingStreamOrRegion) {
   }
 }
 
+// The interval that the plane states, and the depth plane of the same picture.
+void ExpectBounded(const v1::RenderIsosurfaceResponse& response, int* background_count) {
+  const std::size_t pixel_count = response.depth().size() / 4;
+  ASSERT_EQ(response.depth_bounds().size(), 8 * pixel_count);
+  for (std::size_t i = 0; i < pixel_count; ++i) {
+    const float depth = FloatAt(response.depth(), i);
+    const float nearest = FloatAt(response.depth_bounds(), 2 * i);
+    const float farthest = FloatAt(response.depth_bounds(), 2 * i + 1);
+    ASSERT_LE(nearest, farthest);
+    ASSERT_EQ(std::isinf(nearest), std::isinf(farthest));
+    *background_count += std::isinf(nearest) ? 1 : 0;
+    if (!std::isinf(depth)) {
+      ASSERT_LE(nearest, depth) << "pixel " << i;
+      ASSERT_GE(farthest, depth) << "pixel " << i;
+    }
+  }
+}
+
+TEST_F(PlanesTest, BoundsHoldTheDepthsAndDoNotDependOnAgentsOrRegion) {
+  std::string expected;
+  for (const int shard_count : kShardCounts) {
+    SCOPED_TRACE(shard_count);
+    ASSERT_NO_FATAL_FAILURE(StartCluster(shard_count));
+    v1::RenderIsosurfaceRequest request = Request();
+    request.mutable_output()->set_depth_bounds(true);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
+    int background_count = 0;
+    ASSERT_NO_FATAL_FAILURE(ExpectBounded(response, &background_count));
+    EXPECT_GT(background_count, 0);
+    EXPECT_LT(background_count, kWidth * kHeight);
+    if (expected.empty()) {
+      expected = response.depth_bounds();
+    }
+    EXPECT_TRUE(response.depth_bounds() == expected);
+    // Alone: nothing is drawn.
+    request.mutable_output()->Clear();
+    request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_NONE);
+    request.mutable_output()->set_depth_bounds(true);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse alone, RenderStream(request));
+    EXPECT_TRUE(alone.depth_bounds() == expected);
+    EXPECT_EQ(alone.statistics().triangle_count(), 0);
+    request.mutable_region()->set_x(60);
+    request.mutable_region()->set_y(31);
+    request.mutable_region()->set_width_px(90);
+    request.mutable_region()->set_height_px(70);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse part, Render(request));
+    for (std::size_t y = 0; y < 70; ++y) {
+      EXPECT_TRUE(part.depth_bounds().substr(y * 720, 720) ==
+                  expected.substr(((y + 31) * kWidth + 60) * 8, 720));
+    }
+  }
+}
+
+// Cuts with caps show what has no triangles.
+TEST_F(PlanesTest, BoundsHoldCaps) {
+  ASSERT_NO_FATAL_FAILURE(StartCluster(3));
+  v1::RenderIsosurfaceRequest request = Request();
+  request.mutable_output()->set_depth_bounds(true);
+  v1::HalfSpace* const cut = request.mutable_clip()->add_half_spaces();
+  cut->mutable_normal()->set_x(1);
+  cut->mutable_normal()->set_y(0.25);
+  cut->set_offset(21);
+  request.mutable_caps();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
+  int background_count = 0;
+  ASSERT_NO_FATAL_FAILURE(ExpectBounded(response, &background_count));
+}
+
+// More pixels than agents are asked for at a time.
+TEST_F(PlanesTest, BoundsOfALargePictureAreJoinedFromRows) {
+  ASSERT_NO_FATAL_FAILURE(StartCluster(3));
+  v1::RenderIsosurfaceRequest request = Request();
+  request.mutable_output()->Clear();
+  request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_NONE);
+  request.mutable_output()->set_depth_bounds(true);
+  request.mutable_viewport()->set_width_px(1501);
+  request.mutable_viewport()->set_height_px(1103);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse whole, RenderStream(request));
+  ASSERT_EQ(whole.depth_bounds().size(), std::size_t{8} * 1501 * 1103);
+  request.mutable_region()->set_y(700);
+  request.mutable_region()->set_width_px(1501);
+  request.mutable_region()->set_height_px(11);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse part, Render(request));
+  EXPECT_TRUE(part.depth_bounds() ==
+              whole.depth_bounds().substr(std::size_t{8} * 1501 * 700, std::size_t{8} * 1501 * 11));
+}
+
 TEST_F(PlanesTest, PlanesDescribeTheSurface) {
   // A ball: its normals point along its radii, its positions lie on it.
   const testing::TestVolume ball = testing::BallVolume({41, 41, 41}, 0.7);
@@ -664,7 +751,7 @@ TEST_F(PlanesTest, TheCommandLineWritesPlanesAndPicks) {
   const testing::CommandResult planes =
       run({"--output", folder.Sub("p.jpg"), "--quality", "80", "--depth", folder.Sub("d.npy"),
            "--surface-index", folder.Sub("s.npy"), "--position", folder.Sub("p.npy"), "--normal",
-           folder.Sub("n.npy")});
+           folder.Sub("n.npy"), "--depth-bounds", folder.Sub("b.npy")});
   ASSERT_EQ(planes.exit_code, 0) << planes.err;
   const auto size_of = [&](const char* name) {
     return static_cast<std::size_t>(std::filesystem::file_size(folder.Sub(name)));
@@ -673,6 +760,7 @@ TEST_F(PlanesTest, TheCommandLineWritesPlanesAndPicks) {
   EXPECT_EQ(size_of("s.npy"), 128U + 64 * 48);
   EXPECT_EQ(size_of("p.npy"), 128U + 64 * 48 * 12);
   EXPECT_EQ(size_of("n.npy"), 128U + 64 * 48 * 12);
+  EXPECT_EQ(size_of("b.npy"), 128U + 64 * 48 * 8);
   EXPECT_GT(size_of("p.jpg"), 500U);
   const testing::CommandResult alone = run({"--depth", folder.Sub("again.npy")});
   EXPECT_EQ(alone.exit_code, 0) << alone.err;

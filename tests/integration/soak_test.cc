@@ -1,6 +1,7 @@
-// The product's promise (exact_picture_test) on volumes and series of any kind, type and shape, cut
-// in any way, seen from anywhere, with any number of threads and any memory limit. Bounded runs
-// with seeds that never change. scripts/soak.sh makes them long, with new seeds each time:
+// The product's promise (exact_picture_test) on volumes and series of any kind, type and shape, and
+// on their levels, cut in any way, seen from anywhere, with any number of threads and any memory
+// limit; and exact depths between their bounds. Bounded runs with seeds that never change.
+// scripts/soak.sh makes them long, with new seeds each time:
 //
 //   ISOSCOPE_SOAK_SECONDS  how long large volumes are drawn
 //   ISOSCOPE_SOAK_FRAMES   how many small frames are compared, at least
@@ -40,15 +41,27 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
+#include "core/frame/drawn_window.h"
 #include "core/io/file.h"
+#include "core/partition/level_plan.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
+#include "core/picture/color_map.h"
+#include "core/picture/deferred_shading.h"
+#include "core/picture/layer_blending.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/adapt/magnitude_source.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "core/store/series_manifest.h"
+#include "core/view/level_choice.h"
+#include "core/view/view.h"
+#include "core/visibility/depth_bounds.h"
+#include "core/volume/volume_level.h"
+#include "partition-agent/supply/block_bounds.h"
+#include "server/picture/picture_finish.h"
 #include "tests/support/draws.h"
+#include "tests/support/level_files.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/only_arena.h"
@@ -78,10 +91,16 @@ constexpr int kSeriesWakeCount = 4;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr std::int64_t kBoundedFrameCount = 240;
 constexpr std::int64_t kBoundedSeriesFrameCount = 144;
+constexpr std::int64_t kBoundedLevelFrameCount = 144;
+constexpr std::int64_t kBoundedBoundsCount = 24;
 #else
 constexpr std::int64_t kBoundedFrameCount = 1200;
 constexpr std::int64_t kBoundedSeriesFrameCount = 720;
+constexpr std::int64_t kBoundedLevelFrameCount = 720;
+constexpr std::int64_t kBoundedBoundsCount = 200;
 #endif
+// Threads that rounds of levels draw.
+constexpr std::array<int, 6> kLevelThreadCounts = {1, 2, 3, 8, 32, 64};
 constexpr absl::Duration kProgressPeriod = absl::Seconds(10);
 // A round that takes longer hangs.
 constexpr absl::Duration kMaxRoundDuration = absl::Minutes(5);
@@ -301,28 +320,59 @@ absl::Status Cut(const Volume& volume, const math::Index3& block_cells, int shar
       .status();
 }
 
+// Levels that a round's volume has.
+struct RoundLevels {
+  int highest = 0;
+  volume::LevelFilter filter = volume::LevelFilter::kMean;
+};
+
 constexpr char kColorField[] = "color";
 constexpr char kColorSuffix[] = "_color";
 
-// Makes a dataset of the volume, and one of the other that is cut alike.
+// Makes a dataset of the volume, and one of the other that is cut alike, with levels by means.
 absl::Status CutBoth(const Volume& volume, const Volume& color, const math::Index3& block_cells,
-                     int shard_count, Dice* dice, const std::string& directory) {
+                     int shard_count, Dice* dice, const std::string& directory,
+                     const RoundLevels& levels = {}) {
   partition::PartitionOptions options = RandomCut(block_cells, shard_count, dice, directory);
   options.distribution = store::Distribution::kRandom;
   for (const Volume* const of : {&volume, &color}) {
     options.output_directory = of == &volume ? directory : directory + kColorSuffix;
+    options.levels = {.highest = levels.highest,
+                      .filter = of == &volume ? levels.filter : volume::LevelFilter::kMean};
     const auto source = testing::MakeMemorySource(of->geometry, of->type, of->samples, "soak");
     ISOSCOPE_RETURN_IF_ERROR(partition::Partition(*source, options, base::Cancellation()).status());
   }
   return absl::OkStatus();
 }
 
+// The same of one agent, with levels that do not come from partitioning.
+absl::Status CutBothPlainly(const Volume& volume, const Volume& color,
+                            const math::Index3& block_cells, Dice* dice,
+                            const std::string& directory, const RoundLevels& levels) {
+  ISOSCOPE_RETURN_IF_ERROR(CutBoth(volume, color, block_cells, 1, dice, directory));
+  ISOSCOPE_RETURN_IF_ERROR(
+      testing::AddLevelFiles(directory, volume.samples, levels.highest, levels.filter).status());
+  return testing::AddLevelFiles(directory + kColorSuffix, color.samples, levels.highest,
+                                volume::LevelFilter::kMean)
+      .status();
+}
+
+RoundLevels RandomLevels(const math::Index3& dims, Dice* dice) {
+  return {.highest = static_cast<int>(
+              std::min<std::int64_t>(volume::HighestLevel(dims), dice->Whole(1, 3)))};
+}
+
+// The most shards that can have a block of each level.
+std::int64_t MaxShardsOf(const math::Index3& dims, const math::Index3& cells, int highest_level) {
+  return volume::BlockLayout::Make(volume::LevelDims(dims, highest_level), cells)->block_count();
+}
+
 // Fields over steps on one grid.
 class Series final : public source::VolumeSeries {
  public:
-  static Series Random(Dice* dice) {
+  static Series Random(Dice* dice, std::int64_t max_side) {
     source::SeriesInfo info{.name = "soak"};
-    const volume::GridGeometry geometry = RandomGeometry(dice, 20);
+    const volume::GridGeometry geometry = RandomGeometry(dice, max_side);
     const auto field_count = static_cast<std::size_t>(dice->Whole(2, 3));
     for (std::size_t field = 0; field < field_count; ++field) {
       const std::array<std::vector<std::string>, 4> components = {
@@ -431,9 +481,10 @@ class Series final : public source::VolumeSeries {
 
 // Makes a dataset of the series: at once, or of its first steps, and the others are appended.
 absl::Status CutSeries(const Series& series, const math::Index3& block_cells, int shard_count,
-                       Dice* dice, const std::string& directory) {
+                       const RoundLevels& levels, Dice* dice, const std::string& directory) {
   partition::SeriesPartitionOptions options;
   options.volume = RandomCut(block_cells, shard_count, dice, directory);
+  options.volume.levels = {.highest = levels.highest, .filter = levels.filter};
   options.volume.distribution = store::Distribution::kRandom;
   if (series.info().times.empty() || !dice->OneIn(3)) {
     Series whole = series;
@@ -526,12 +577,114 @@ frame::FrameSpec RandomLabelFrame(const Volume& volume, const std::string& color
   return spec;
 }
 
+// Chooses a level by name or by the distance of samples, and effects of the picture. Positions show
+// the box of level 0 at every level, as the coordinator has it.
+void ChooseRandomLevel(const volume::GridGeometry& whole, int highest, Dice* dice,
+                       frame::FrameSpec* spec) {
+  if (dice->OneIn(4)) {
+    spec->effects.samples_per_side = static_cast<int>(dice->Whole(2, 4));
+    spec->viewport = {static_cast<int>(dice->Whole(24, 48)), static_cast<int>(dice->Whole(24, 48))};
+  }
+  if (dice->OneIn(5)) {
+    spec->effects.ambient_occlusion = {.radius_px = static_cast<int>(dice->Whole(4, 12)),
+                                       .strength = static_cast<float>(dice->Unit())};
+  }
+  if (dice->OneIn(5)) {
+    spec->effects.silhouette = {.width_px = static_cast<int>(dice->Whole(1, 4))};
+  }
+  spec->level = static_cast<int>(dice->Whole(0, highest));
+  const double max_spacing_px = std::pow(10, 3 * dice->Unit() - 1);
+  const auto view = view::View::Make(*spec->camera, spec->viewport, whole);
+  if (dice->OneIn(3) && view.ok()) {
+    spec->level = view::CoarsestLevel(whole, view::PixelsPerUnit(*view, spec->clip.box),
+                                      max_spacing_px, highest);
+  }
+  for (frame::Surface& surface : spec->surfaces) {
+    using Quantity = frame::ColorBy::Quantity;
+    if (surface.color_by.has_value() && (surface.color_by->quantity == Quantity::kPositionX ||
+                                         surface.color_by->quantity == Quantity::kPositionY ||
+                                         surface.color_by->quantity == Quantity::kPositionZ)) {
+      surface.color_by->range = picture::ColorRangeOf(*surface.color_by, whole);
+    }
+  }
+}
+
+// A frame of a volume with levels, or of a segmentation.
+frame::FrameSpec RandomLevelFrame(const Volume& volume, const RoundLevels& levels,
+                                  const std::string& color, Dice* dice) {
+  frame::FrameSpec spec;
+  if (volume.labels.empty()) {
+    spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, dice);
+    if (dice->OneIn(4)) {
+      testing::ShowRandomFields(dice->Bits(), {color}, &spec);
+    }
+  } else {
+    spec = RandomLabelFrame(volume, color, dice);
+  }
+  ChooseRandomLevel(volume.geometry, levels.highest, dice, &spec);
+  return spec;
+}
+
 // A frame to compare.
 struct SmallFrame {
   frame::FrameSpec spec;
   image::FrameImage expected;                    // colours and depths, with shades and layers
   std::optional<store::ScalarVolumeKey> volume;  // of a series
+  // Blocks of the reference, if the picture depends on them.
+  std::optional<math::Index3> only_cells;
 };
+
+// The picture of a frame, and what it has of layers.
+struct DrawnFrame {
+  image::FrameImage image;
+  std::int64_t covered_pixels = 0;
+  std::int64_t layer_pixels = 0;
+};
+
+// Draws a frame, with all that the coordinator does to its pixels. `volume` is that of a series,
+// else not set; `arena` may be null.
+absl::StatusOr<DrawnFrame> DrawFinished(const volume::GridGeometry& whole,
+                                        const math::Index3& block_cells,
+                                        const frame::FrameSpec& spec,
+                                        const std::optional<store::ScalarVolumeKey>& volume,
+                                        render::RendererKind kind, base::TaskArena* arena,
+                                        LocalCluster* cluster) {
+  const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
+  frame::FrameSpec drawn = spec;
+  drawn.viewport = window.viewport;
+  drawn.region = window.region;
+  drawn.effects = {};
+  drawn.sends_normals = picture::NeedsDeferredShading(spec);
+  drawn.sends_map_steps = frame::ShowsValues(spec);
+  ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, volume.has_value()
+                                                            ? cluster->Render(drawn, *volume)
+                                                            : cluster->Render(drawn));
+  const volume::GridGeometry grid = testing::GridOfLevel(whole, spec.level);
+  ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
+                            view::View::Make(*spec.camera, window.viewport, whole, window.region));
+  ISOSCOPE_ASSIGN_OR_RETURN(view, view.OnGrid(grid));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto layout,
+                            volume::BlockLayout::Make(grid.sample_dims, block_cells));
+  const frame::BackEnd back_end =
+      kind == render::RendererKind::kEgl ? frame::BackEnd::kEgl : frame::BackEnd::kCpu;
+  DrawnFrame finished;
+  finished.covered_pixels = testing::CoveredPixels(result.image);
+  if (!result.layers.empty()) {
+    finished.layer_pixels = testing::CoveredPixels(*result.layers.LayerImages().front());
+  }
+  const std::shared_ptr<image::FrameImagePool> images = image::FrameImagePool::Make(0);
+  const server::PictureSetup setup{
+      .spec = &spec,
+      .window = &window,
+      .drawn_view = &view,
+      .order = {.block_count = static_cast<std::uint32_t>(layout.block_count()),
+                .ties = frame::TieRuleOf(frame::DrawnBy(spec, back_end))},
+      .layers = &result.layers,
+      .images = images.get()};
+  const auto finish = [&] { return server::FinishPicture(setup, &result.image).image; };
+  finished.image = arena == nullptr ? finish() : base::RunIn(arena, finish);
+  return finished;
+}
 
 // The numbers of a run of small frames.
 struct Tally {
@@ -565,6 +718,8 @@ struct Tally {
   std::int64_t colored_by_field = 0;
   std::int64_t magnitudes = 0;
   std::int64_t label_surfaces = 0;         // of all references
+  std::int64_t with_effects = 0;           // references with samples, occlusion or silhouettes
+  std::map<int, std::int64_t> by_level;    // frames
   std::map<int, std::int64_t> by_threads;  // frames
   // Frames by memory limit, from 2^(4 (i - 1)) bytes to below 2^(4 i); 0: none.
   std::map<int, std::int64_t> by_limit;
@@ -660,19 +815,19 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
   }
 
   // Draws frames of the volume without culling: one agent, two threads, no limit.
-  void DrawReferences(const Volume& volume, const volume::BlockLayout& layout,
-                      const std::string& directory, Dice* dice, std::vector<SmallFrame>* frames) {
+  void DrawReferences(const Volume& volume, const math::Index3& cells, const std::string& directory,
+                      Dice* dice, std::vector<SmallFrame>* frames) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                   LocalCluster::Open(directory, renderer_.get(), {}));
     for (int i = 0; i < kSmallFrameCount; ++i) {
       SmallFrame& frame = frames->emplace_back();
       frame.spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, dice);
-      DrawReference(volume.geometry, layout, cluster.get(), dice, &frame);
+      DrawReference(volume.geometry, cells, cluster.get(), dice, &frame);
     }
   }
 
   // Draws frames of a segmentation likewise; the samples of `color` may colour them.
-  void DrawLabelReferences(const Volume& volume, const volume::BlockLayout& layout,
+  void DrawLabelReferences(const Volume& volume, const math::Index3& cells,
                            const std::string& directory, const std::string& color, Dice* dice,
                            std::vector<SmallFrame>* frames) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
@@ -689,22 +844,24 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                       [](const frame::Surface& surface) { return surface.shows_field(); })
               ? 1
               : 0;
-      DrawReference(volume.geometry, layout, cluster.get(), dice, &frame);
+      DrawReference(volume.geometry, cells, cluster.get(), dice, &frame);
     }
   }
 
   // Draws the frame as it is expected, and then chooses a part of it and its culling.
-  void DrawReference(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+  void DrawReference(const volume::GridGeometry& geometry, const math::Index3& cells,
                      LocalCluster* cluster, Dice* dice, SmallFrame* frame) {
-    frame->spec.culling = frame::Culling::kNone;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(frame->spec));
+    frame->spec.culling = frame->only_cells ? frame::Culling::kMask : frame::Culling::kNone;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        testing::Picture picture,
-        testing::PictureOf(std::move(result), frame->spec, layout, geometry));
-    frame->expected = std::move(picture.image);
-    tally_.covered_pixels += testing::CoveredPixels(frame->expected);
-    tally_.layer_pixels += picture.layer_pixel_count;
+        DrawnFrame drawn, DrawFinished(geometry, cells, frame->spec, /*volume=*/std::nullopt,
+                                       GetParam(), /*arena=*/nullptr, cluster));
+    frame->expected = std::move(drawn.image);
+    tally_.covered_pixels += drawn.covered_pixels;
+    tally_.layer_pixels += drawn.layer_pixels;
     ++tally_.references;
+    if (frame->only_cells) {
+      return;
+    }
     if (dice->OneIn(4)) {
       frame->spec.region = testing::RandomRegion(dice->Bits(), frame->spec.viewport);
       frame->expected = testing::Crop(frame->expected, *frame->spec.region);
@@ -715,22 +872,23 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
   }
 
   // Draws the frames, and compares colours and depths: owners tell how the volume was cut.
-  void CheckFrames(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
-                   const std::vector<SmallFrame>& frames, bool side_by_side,
+  void CheckFrames(const volume::GridGeometry& geometry, const math::Index3& cells,
+                   const std::vector<SmallFrame>& frames, bool side_by_side, base::TaskArena* arena,
                    LocalCluster* cluster) {
     std::vector<testing::Difference> differences(frames.size());
     std::vector<std::thread> clients;
+    std::int64_t count = 0;
     for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (frames[i].only_cells.has_value() && *frames[i].only_cells != cells) {
+        continue;
+      }
+      ++count;
+      ++tally_.by_level[frames[i].spec.level];
       const auto draw = [&, i] {
-        const frame::FrameSpec& spec = frames[i].spec;
-        ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result,
-                                      frames[i].volume.has_value()
-                                          ? cluster->Render(spec, *frames[i].volume)
-                                          : cluster->Render(spec));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-            const testing::Picture picture,
-            testing::PictureOf(std::move(result), spec, layout, geometry));
-        differences[i] = testing::Compare(picture.image, frames[i].expected);
+            const DrawnFrame drawn, DrawFinished(geometry, cells, frames[i].spec, frames[i].volume,
+                                                 GetParam(), arena, cluster));
+        differences[i] = testing::Compare(drawn.image, frames[i].expected);
       };
       if (side_by_side) {
         clients.emplace_back(draw);
@@ -744,11 +902,12 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     for (std::size_t i = 0; i < frames.size(); ++i) {
       const std::string name =
           frames[i].volume ? store::ScalarVolumeDirectoryName(*frames[i].volume) : "";
-      EXPECT_EQ(differences[i].colors, 0) << "frame " << i << " " << name;
-      EXPECT_EQ(differences[i].depths, 0) << "frame " << i << " " << name;
+      const int level = frames[i].spec.level;
+      EXPECT_EQ(differences[i].colors, 0) << "frame " << i << " " << name << ", level " << level;
+      EXPECT_EQ(differences[i].depths, 0) << "frame " << i << " " << name << ", level " << level;
     }
-    tally_.frames += static_cast<std::int64_t>(frames.size());
-    tally_.Add(cluster->limits(), static_cast<std::int64_t>(frames.size()));
+    tally_.frames += count;
+    tally_.Add(cluster->limits(), count);
   }
 
   // One small volume, cut several times, each cut with several limits.
@@ -759,9 +918,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     const testing::TempDir temp;
     const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
     ISOSCOPE_ASSERT_OK(Cut(volume, first_cells, 1, &dice, temp.Sub("one")));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
     std::vector<SmallFrame> frames;
-    DrawReferences(volume, first, temp.Sub("one"), &dice, &frames);
+    DrawReferences(volume, first_cells, temp.Sub("one"), &dice, &frames);
     // One arena for all cuts: on a busy machine it takes long until all of its threads have run.
     const int thread_count = dice.OneOf(testing::kThreadCounts);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
@@ -779,7 +937,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                    << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
                    << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
                    << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards");
-      CheckWithLimits(volume.geometry, layout, frames, kWakeCount, arena, &dice, cluster.get());
+      CheckWithLimits(volume.geometry, cells, frames, kWakeCount, arena, &dice, cluster.get());
     }
   }
 
@@ -794,9 +952,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     const testing::TempDir temp;
     const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
     ISOSCOPE_ASSERT_OK(CutBoth(volume, color, first_cells, 1, &dice, temp.Sub("one")));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
     std::vector<SmallFrame> frames;
-    DrawLabelReferences(volume, first, temp.Sub("one"), temp.Sub("one") + kColorSuffix, &dice,
+    DrawLabelReferences(volume, first_cells, temp.Sub("one"), temp.Sub("one") + kColorSuffix, &dice,
                         &frames);
     const int thread_count = dice.OneOf(testing::kThreadCounts);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
@@ -814,12 +971,12 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                    << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
                    << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
                    << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards");
-      CheckWithLimits(volume.geometry, layout, frames, kWakeCount, arena, &dice, cluster.get());
+      CheckWithLimits(volume.geometry, cells, frames, kWakeCount, arena, &dice, cluster.get());
     }
   }
 
   // Checks the frames several times: each time with new limits, and now and then with new caches.
-  void CheckWithLimits(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+  void CheckWithLimits(const volume::GridGeometry& geometry, const math::Index3& cells,
                        const std::vector<SmallFrame>& frames, int wake_count,
                        const std::shared_ptr<base::TaskArena>& arena, Dice* dice,
                        LocalCluster* cluster) {
@@ -835,22 +992,23 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       const bool side_by_side = dice->OneIn(3);
       SCOPED_TRACE(::testing::Message() << limits << (side_by_side ? ", side by side" : ""));
       cluster->WakeIn(arena, limits);
-      CheckFrames(geometry, layout, frames, side_by_side, cluster);
+      CheckFrames(geometry, cells, frames, side_by_side, arena.get(), cluster);
       cluster->Sleep();
     }
   }
 
   // Draws frames of volumes of the series, each from a dataset of its array alone: without culling,
   // one agent, two threads, no limit.
-  void DrawSeriesReferences(Series* series, const math::Index3& cells,
-                            const volume::BlockLayout& layout, const testing::TempDir& temp,
-                            Dice* dice, std::vector<SmallFrame>* frames) {
+  void DrawSeriesReferences(Series* series, const math::Index3& cells, const RoundLevels& levels,
+                            const testing::TempDir& temp, Dice* dice,
+                            std::vector<SmallFrame>* frames) {
     const auto directory_of =
         [&](const store::ScalarVolumeKey& key) -> absl::StatusOr<std::string> {
       std::string directory = temp.Sub(store::ScalarVolumeDirectoryName(key));
       if (!io::PathExists(directory)) {
         ISOSCOPE_ASSIGN_OR_RETURN(const auto source, series->OpenAlone(key));
-        const auto options = RandomCut(cells, 1, dice, directory);
+        partition::PartitionOptions options = RandomCut(cells, 1, dice, directory);
+        options.levels = {.highest = levels.highest, .filter = levels.filter};
         ISOSCOPE_RETURN_IF_ERROR(
             partition::Partition(*source, options, base::Cancellation()).status());
       }
@@ -882,8 +1040,11 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                   frame.volume->component + 1 == series->ComponentCount(frame.volume->field)
               ? 1
               : 0;
+      if (levels.highest > 0) {
+        ChooseRandomLevel(series->geometry(), levels.highest, dice, &frame.spec);
+      }
       cluster->WakeIn(arena, {});
-      DrawReference(series->geometry(), layout, cluster.get(), dice, &frame);
+      DrawReference(series->geometry(), cells, cluster.get(), dice, &frame);
       cluster->Sleep();
     }
   }
@@ -893,29 +1054,29 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
   }
 
   // One small series, cut several times, each cut with several limits.
-  void RunSeriesRound(std::uint64_t seed) {
+  void RunSeriesRound(std::uint64_t seed, bool has_levels) {
     Dice dice(seed);
-    Series series = Series::Random(&dice);
+    Series series = Series::Random(&dice, has_levels ? 32 : 20);
     const math::Index3& dims = series.geometry().sample_dims;
     const testing::TempDir temp;
     const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
+    const RoundLevels levels = has_levels ? RandomLevels(dims, &dice) : RoundLevels();
     std::vector<SmallFrame> frames;
-    DrawSeriesReferences(&series, first_cells, first, temp, &dice, &frames);
+    DrawSeriesReferences(&series, first_cells, levels, temp, &dice, &frames);
     const int thread_count = dice.OneOf(testing::kThreadCounts);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
     for (int cut = 0; cut < kSeriesCutCount && !HasFailure(); ++cut) {
       const bool has_first_cells = cut == 0 || GetParam() == render::RendererKind::kEgl;
       const math::Index3 cells = has_first_cells ? first_cells : RandomBlockCells(&dice, 2, 10);
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(dims, cells));
-      const auto shard_count = static_cast<int>(std::min(layout.block_count(), dice.Whole(1, 5)));
+      const auto shard_count =
+          static_cast<int>(std::min(MaxShardsOf(dims, cells, levels.highest), dice.Whole(1, 5)));
       SCOPED_TRACE(::testing::Message()
                    << "seed " << seed << ": " << series.info().fields.size() << " fields, "
                    << series.info().step_count() << " steps, " << dims.x << " x " << dims.y << " x "
                    << dims.z << ", blocks of " << cells.x << " x " << cells.y << " x " << cells.z
                    << ", " << shard_count << " shards");
       const std::string directory = temp.Sub(absl::StrFormat("cut%d", cut));
-      ISOSCOPE_ASSERT_OK(CutSeries(series, cells, shard_count, &dice, directory));
+      ISOSCOPE_ASSERT_OK(CutSeries(series, cells, shard_count, levels, &dice, directory));
       // From one volume of one agent to all.
       const std::size_t open_volume_bytes = dice.OneIn(2) ? 1 : dice.Size(1 << 20, 1 << 28);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(
@@ -927,8 +1088,150 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                             component);
         }
       }
-      CheckWithLimits(series.geometry(), layout, frames, kSeriesWakeCount, arena, &dice,
+      CheckWithLimits(series.geometry(), cells, frames, kSeriesWakeCount, arena, &dice,
                       cluster.get());
+    }
+  }
+
+  // Draws frames of levels that do not come from partitioning. One in ten is culled by the mask,
+  // for which blocks matter.
+  void DrawLevelReferences(const Volume& volume, const math::Index3& cells,
+                           const RoundLevels& levels, const std::string& directory, Dice* dice,
+                           std::vector<SmallFrame>* frames) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                  LocalCluster::Open(directory, renderer_.get(), {}));
+    ISOSCOPE_ASSERT_OK(cluster->AddField(kColorField, directory + kColorSuffix));
+    for (int i = 0; i < kSmallFrameCount; ++i) {
+      SmallFrame& frame = frames->emplace_back();
+      frame.spec = RandomLevelFrame(volume, levels, kColorField, dice);
+      if (dice->OneIn(10)) {
+        frame.only_cells = cells;
+      }
+      for (const frame::Surface& surface : frame.spec.surfaces) {
+        tally_.label_surfaces += surface.rule.has_labels() ? 1 : 0;
+      }
+      tally_.with_effects += frame.spec.effects == frame::PictureEffects() ? 0 : 1;
+      DrawReference(volume.geometry, cells, cluster.get(), dice, &frame);
+    }
+  }
+
+  // One small volume with levels, or a segmentation, cut several times, as RunSmallRound.
+  void RunLevelRound(std::uint64_t seed) {
+    Dice dice(seed);
+    if (dice.OneIn(5)) {
+      RunSeriesRound(dice.Bits(), /*has_levels=*/true);
+      return;
+    }
+    const std::int64_t max_side = dice.OneIn(4) ? 48 : 28;
+    const Volume volume =
+        dice.OneIn(3) ? RandomSegmentation(&dice, max_side) : RandomVolume(&dice, max_side);
+    Volume color = volume;
+    color.type = static_cast<volume::ScalarType>(dice.Whole(1, 8));
+    DrawSamples(&dice, &color);
+    const math::Index3& dims = volume.geometry.sample_dims;
+    RoundLevels levels = RandomLevels(dims, &dice);
+    if (!volume.labels.empty() && volume::CanFilter(volume::LevelFilter::kMajority, volume.type)) {
+      levels.filter = volume::LevelFilter::kMajority;
+    }
+    const testing::TempDir temp;
+    const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
+    ISOSCOPE_ASSERT_OK(CutBothPlainly(volume, color, first_cells, &dice, temp.Sub("one"), levels));
+    std::vector<SmallFrame> frames;
+    DrawLevelReferences(volume, first_cells, levels, temp.Sub("one"), &dice, &frames);
+    const int thread_count = dice.OneOf(kLevelThreadCounts);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
+    for (int cut = 0; cut < kCutCount && !HasFailure(); ++cut) {
+      const bool has_first_cells = cut == 0 || GetParam() == render::RendererKind::kEgl;
+      const math::Index3 cells = has_first_cells ? first_cells : RandomBlockCells(&dice, 2, 10);
+      const auto shard_count =
+          static_cast<int>(std::min(MaxShardsOf(dims, cells, levels.highest), dice.Whole(1, 16)));
+      const std::string directory = temp.Sub(absl::StrFormat("cut%d", cut));
+      ISOSCOPE_ASSERT_OK(CutBoth(volume, color, cells, shard_count, &dice, directory, levels));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                    LocalCluster::OpenAsleep(directory, renderer_.get()));
+      ISOSCOPE_ASSERT_OK(cluster->AddField(kColorField, directory + kColorSuffix));
+      if (dice.OneIn(3)) {
+        cluster->CullByTrees();
+      }
+      SCOPED_TRACE(::testing::Message()
+                   << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
+                   << " of type " << static_cast<int>(volume.type) << ", levels to "
+                   << levels.highest << " by " << volume::NameOf(levels.filter) << ", blocks of "
+                   << cells.x << " x " << cells.y << " x " << cells.z << ", " << shard_count
+                   << " shards");
+      CheckWithLimits(volume.geometry, cells, frames, kWakeCount, arena, &dice, cluster.get());
+    }
+  }
+
+  // One small volume, one view: each pixel of the exact picture lies between its bounds.
+  void RunBoundsRound(std::uint64_t seed, const std::shared_ptr<base::TaskArena>& arena) {
+    Dice dice(seed);
+    const Volume volume = dice.OneIn(4) ? RandomSegmentation(&dice, 32) : RandomVolume(&dice, 32);
+    const math::Index3 cells = RandomBlockCells(&dice, 1, 12);
+    const testing::TempDir temp;
+    ISOSCOPE_ASSERT_OK(Cut(volume, cells, 1, &dice, temp.Sub("one")));
+    frame::FrameSpec spec = RandomSmallFrame(volume.geometry.Bounds(), volume.isovalues, &dice);
+    if (!volume.labels.empty()) {
+      ShowRandomLabels(volume.labels, &dice, &spec);
+    }
+    if (dice.OneIn(4)) {
+      spec.region = testing::RandomRegion(dice.Bits(), spec.viewport);
+    }
+    spec.output.depth = true;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                  LocalCluster::OpenAsleep(temp.Sub("one"), renderer_.get()));
+    cluster->WakeIn(arena, {});
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const DrawnFrame exact, DrawFinished(volume.geometry, cells, spec, /*volume=*/std::nullopt,
+                                             GetParam(), arena.get(), cluster.get()));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const visibility::DepthBounds bounds,
+                                  BoundsOf(*cluster->shards().front()->reader, spec,
+                                           static_cast<int>(dice.Whole(1, 5)), arena.get()));
+    cluster->Sleep();
+    CheckBounds(seed, exact.image, bounds);
+    tally_.covered_pixels += exact.covered_pixels;
+    tally_.layer_pixels += exact.layer_pixels;
+    ++tally_.references;
+  }
+
+  // Returns the bounds of some parts, united.
+  static absl::StatusOr<visibility::DepthBounds> BoundsOf(const store::ShardReader& reader,
+                                                          const frame::FrameSpec& spec,
+                                                          int part_count, base::TaskArena* arena) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const view::View view,
+        view::View::Make(*spec.camera, spec.viewport, reader.manifest().geometry, spec.region));
+    visibility::DepthBounds bounds(view.image_size().width_px, view.image_size().height_px);
+    for (int part = 0; part < part_count; ++part) {
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          const visibility::DepthBounds of_part,
+          agent::BoundsOfPart(reader, view, spec, {.part_index = part, .part_count = part_count},
+                              arena, base::Cancellation()));
+      bounds.UniteWith(of_part);
+    }
+    return bounds;
+  }
+
+  void CheckBounds(std::uint64_t seed, const image::FrameImage& exact,
+                   const visibility::DepthBounds& bounds) {
+    ASSERT_EQ(exact.width, bounds.width_px());
+    ASSERT_EQ(exact.height, bounds.height_px());
+    for (std::size_t i = 0; i < exact.pixel_count() && !HasFailure(); ++i) {
+      bounded_pixels_ += 1;
+      if (bounds.IsBackground(i)) {
+        ++proved_background_;
+      }
+      if (image::OwnerOf(exact.keys[i]) == image::kNoOwner) {
+        continue;
+      }
+      const float depth = image::DepthOf(exact.keys[i]);
+      EXPECT_TRUE(bounds.nearest()[i] <= depth && depth <= bounds.farthest()[i]) << absl::StrFormat(
+          "seed %d: pixel %d, %d of %d x %d has depth %.9g, outside of [%.9g, %.9g]", seed,
+          i % static_cast<std::size_t>(exact.width), i / static_cast<std::size_t>(exact.width),
+          exact.width, exact.height, depth, bounds.nearest()[i], bounds.farthest()[i]);
+      if (bounds.farthest()[i] < 1 || bounds.nearest()[i] > 0) {
+        ++narrow_pixels_;
+      }
     }
   }
 
@@ -976,6 +1279,11 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
   std::int64_t covered_pixel_count_ = 0;
   std::int64_t culled_view_count_ = 0;
   Tally tally_;
+  // Pixels that have bounds; of them those that are background by their bounds, and covered ones
+  // whose bounds exclude some depth.
+  std::int64_t bounded_pixels_ = 0;
+  std::int64_t proved_background_ = 0;
+  std::int64_t narrow_pixels_ = 0;
 };
 
 TEST_P(SoakTest, CulledPicturesOfAnyNumberOfAgentsAreTheWholePicture) {
@@ -1022,13 +1330,63 @@ TEST_P(SoakTest, NeitherThreadsNorLimitsNorOptionsNorCutsShowInFramesOfLabels) {
 }
 
 TEST_P(SoakTest, FramesOfSeriesAreThoseOfTheirArraysAlone) {
-  RunRounds(kBoundedSeriesFrameCount, [this](std::uint64_t seed) { RunSeriesRound(seed); });
+  RunRounds(kBoundedSeriesFrameCount,
+            [this](std::uint64_t seed) { RunSeriesRound(seed, /*has_levels=*/false); });
   std::cout << absl::StrFormat(
       "soak_test: of the references %d show another field, %d a magnitude\n",
       tally_.colored_by_field, tally_.magnitudes);
   if (tally_.frames >= kBoundedSeriesFrameCount) {
     EXPECT_GT(tally_.colored_by_field, tally_.references / 4);
     EXPECT_GT(tally_.magnitudes, 0);
+  }
+}
+
+TEST_P(SoakTest, NeitherThreadsNorLimitsNorOptionsNorCutsShowInFramesOfLevels) {
+  RunRounds(kBoundedLevelFrameCount, [this](std::uint64_t seed) { RunLevelRound(seed); });
+  std::string levels;
+  for (const auto& [level, count] : tally_.by_level) {
+    absl::StrAppendFormat(&levels, "%s%d: %d", levels.empty() ? "" : ", ", level, count);
+  }
+  std::cout << absl::StrFormat(
+      "soak_test: frames by level %s; of the references %d have effects; %d surfaces of labels\n",
+      levels, tally_.with_effects, tally_.label_surfaces);
+  if (tally_.frames >= kBoundedLevelFrameCount) {
+    EXPECT_GE(tally_.by_level.size(), 3U);
+    EXPECT_GT(tally_.with_effects, tally_.references / 5);
+    EXPECT_GT(tally_.label_surfaces, 0);
+  }
+}
+
+// One view of each volume. ISOSCOPE_SOAK_FRAMES is their number.
+TEST_P(SoakTest, ExactDepthsLieBetweenTheirBounds) {
+  const auto asked = EnvironmentNumber<std::int64_t>("ISOSCOPE_SOAK_FRAMES", 0);
+  const std::int64_t count = asked > 0 ? asked : kBoundedBoundsCount;
+  const std::uint64_t first_seed = FirstSeed(asked > 0);
+  Watchdog watchdog;
+  base::MonotonicTime next_progress = base::MonotonicNow() + kProgressPeriod;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(2));
+  for (std::int64_t i = 0; i < count; ++i) {
+    const std::uint64_t seed = first_seed + static_cast<std::uint64_t>(i);
+    watchdog.BeginRound(seed);
+    RunBoundsRound(seed, arena);
+    if (HasFailure()) {
+      FAIL() << "repeat it with ISOSCOPE_SOAK_FRAMES=1 ISOSCOPE_SOAK_SEED=" << seed;
+    }
+    if (base::MonotonicNow() >= next_progress) {
+      std::cerr << "soak_test: " << i + 1 << " views\n";
+      next_progress = base::MonotonicNow() + kProgressPeriod;
+    }
+  }
+  std::cout << absl::StrFormat(
+      "soak_test: seeds %d to %d: %d views, 0 depths outside of their bounds; of %d pixels %d "
+      "covered, %d of "
+      "these with bounds that exclude some depth; %d background by their bounds\n",
+      first_seed, first_seed + static_cast<std::uint64_t>(count) - 1, count, bounded_pixels_,
+      tally_.covered_pixels, narrow_pixels_, proved_background_);
+  if (count >= kBoundedBoundsCount) {
+    EXPECT_GT(tally_.covered_pixels, 200 * count);
+    EXPECT_GT(narrow_pixels_, tally_.covered_pixels / 20);
+    EXPECT_GT(proved_background_, 0);
   }
 }
 

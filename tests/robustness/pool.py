@@ -92,7 +92,7 @@ def _output(chance, message):
         message.output.image_format = pb.OutputOptions.IMAGE_FORMAT_RGBA8
         message.output.depth = message.output.surface_index = True
     elif choice == 2:
-        message.output.position = message.output.normal = True
+        message.output.position = message.output.normal = message.output.depth_bounds = True
     elif choice == 3:
         message.ambient_occlusion.radius_px = 8
         message.silhouette.width_px = 1

@@ -14,6 +14,7 @@
 #include "core/base/task_arena.h"
 #include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
+#include "core/volume/volume_level.h"
 #include "partition-agent/frame/frame_pipeline.h"
 #include "server/frame/agent_link.h"
 #include "tests/support/only_arena.h"
@@ -213,12 +214,17 @@ absl::StatusOr<agent::Shards> OpenShardsOf(const std::string& dataset_directory)
                             store::OpenDataset(dataset_directory));
   agent::Shards shards;
   for (const std::string& directory : description.shard_directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), agent::OpenShard(directory));
+    ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), agent::OpenShardWithLevels(directory));
   }
   return shards;
 }
 
 }  // namespace
+
+volume::GridGeometry GridOfLevel(const volume::GridGeometry& whole, int level) {
+  // Type and filter do not change the grid.
+  return volume::LevelOf(whole, volume::ScalarType::kUint8, volume::LevelFilter::kMean, level).grid;
+}
 
 absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
     const std::string& dataset_directory, render::Renderer* renderer, const Limits& limits,
@@ -299,56 +305,95 @@ void LocalCluster::ForgetAll(std::size_t cache_bytes) {
   active_blocks_ = std::make_unique<server::ActiveBlocksCache>(kActiveBlocksBytes);
 }
 
-absl::StatusOr<agent::Shards> LocalCluster::OpenVolume(const store::ScalarVolumeKey& key) const {
-  agent::Shards shards;
+void LocalCluster::CullByTrees() {
+  culls_by_trees_ = true;
+  active_blocks_ = std::make_unique<server::ActiveBlocksCache>(kActiveBlocksBytes);
+}
+
+absl::StatusOr<LocalCluster::Level> LocalCluster::LevelOf(const agent::Shards& shards, int level) {
+  if (level == 0) {
+    return Level{.shards = shards};
+  }
+  Level found;
+  const auto position = static_cast<std::size_t>(level) - 1;
+  for (const std::shared_ptr<const agent::Shard>& shard : shards) {
+    if (position >= shard->levels.size() || shard->levels[position] == nullptr) {
+      return absl::NotFoundError(
+          absl::StrCat("'", shard->reader->directory(), "' has no level ", level));
+    }
+    found.shards.push_back(shard->levels[position]);
+  }
+  found.value_scale = shards.front()->reader->manifest().Level(level).value_scale;
+  return found;
+}
+
+absl::StatusOr<LocalCluster::Level> LocalCluster::OpenVolume(const store::ScalarVolumeKey& key,
+                                                             int level) const {
+  Level found;
   for (const std::unique_ptr<agent::SeriesShard>& agent : series_) {
     const store::ScalarVolume* const volume = agent->served()->manifest.Find(key);
     if (volume == nullptr) {
       return absl::NotFoundError(store::ScalarVolumeDirectoryName(key));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), agent->OpenVolume(volume->dataset_id));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        found.shards.emplace_back(),
+        agent->OpenVolume(volume->dataset_id, agent::SeriesShard::Opening::kForFrame, level));
+    found.value_scale = agent->ValueScaleOf(volume->dataset_id, level);
   }
-  return shards;
+  return found;
 }
 
 absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec& spec,
                                                          const base::Cancellation& cancellation) {
-  std::vector<agent::Shards> colors(spec.surfaces.size());
+  std::vector<Level> colors(spec.surfaces.size());
   for (std::size_t i = 0; i < colors.size(); ++i) {
     if (spec.surfaces[i].shows_field()) {
-      colors[i] = fields_.at(spec.surfaces[i].color_by->field);
+      ISOSCOPE_ASSIGN_OR_RETURN(colors[i],
+                                LevelOf(fields_.at(spec.surfaces[i].color_by->field), spec.level));
     }
   }
-  return RenderShards(spec, shards_, colors, cancellation);
+  ISOSCOPE_ASSIGN_OR_RETURN(const Level drawn, LevelOf(shards_, spec.level));
+  return RenderLevel(spec, manifest().geometry, drawn, colors, cancellation);
 }
 
 absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec& spec,
                                                          const store::ScalarVolumeKey& volume) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const agent::Shards shards, OpenVolume(volume));
-  std::vector<agent::Shards> colors(spec.surfaces.size());
+  ISOSCOPE_ASSIGN_OR_RETURN(const Level drawn, OpenVolume(volume, spec.level));
+  std::vector<Level> colors(spec.surfaces.size());
   for (std::size_t i = 0; i < colors.size(); ++i) {
     if (spec.surfaces[i].shows_field()) {
       store::ScalarVolumeKey key = series_fields_.at(spec.surfaces[i].color_by->field);
       key.step = volume.step;
-      ISOSCOPE_ASSIGN_OR_RETURN(colors[i], OpenVolume(key));
+      ISOSCOPE_ASSIGN_OR_RETURN(colors[i], OpenVolume(key, spec.level));
     }
   }
-  return RenderShards(spec, shards, colors, base::Cancellation());
+  return RenderLevel(spec, series_.front()->served()->manifest.geometry, drawn, colors,
+                     base::Cancellation());
 }
 
-absl::StatusOr<server::FrameResult> LocalCluster::RenderShards(
-    const frame::FrameSpec& spec, const agent::Shards& shards,
-    const std::vector<agent::Shards>& colors, const base::Cancellation& cancellation) {
+absl::StatusOr<server::FrameResult> LocalCluster::RenderLevel(
+    const frame::FrameSpec& spec, const volume::GridGeometry& whole, const Level& drawn,
+    const std::vector<Level>& colors, const base::Cancellation& cancellation) {
+  const agent::Shards& shards = drawn.shards;
   const store::Manifest& manifest = shards.front()->reader->manifest();
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const view::View view,
-      view::View::Make(*spec.camera, spec.viewport, manifest.geometry, spec.region));
+  ISOSCOPE_ASSIGN_OR_RETURN(view::View view,
+                            view::View::Make(*spec.camera, spec.viewport, whole, spec.region));
+  frame::FrameSpec stored = spec;
+  if (spec.level > 0) {
+    ISOSCOPE_ASSIGN_OR_RETURN(view, view.OnGrid(GridOfLevel(whole, spec.level)));
+    std::vector<double> color_scales;
+    color_scales.reserve(colors.size());
+    for (const Level& color : colors) {
+      color_scales.push_back(color.value_scale);
+    }
+    stored = frame::InStoredValues(std::move(stored), drawn.value_scale, color_scales);
+  }
   std::vector<std::vector<int>> shard_indices;
   for (const std::shared_ptr<const agent::Shard>& shard : shards) {
     shard_indices.push_back({shard->reader->shard_index()});
   }
-  const std::string active_key =
-      server::ActiveBlocksCache::KeyOf(manifest.dataset_id, shard_indices, frame::RulesOf(spec));
+  const std::string active_key = server::ActiveBlocksCache::KeyOf(
+      manifest.dataset_id, spec.level, shard_indices, frame::RulesOf(spec));
   server::FrameSetup setup;
   setup.spec = &spec;
   setup.view = &view;
@@ -358,12 +403,18 @@ absl::StatusOr<server::FrameResult> LocalCluster::RenderShards(
   setup.active = active_blocks_->Find(active_key);
   setup.images = images_.get();
   setup.arena = arena_.get();
+  if (culls_by_trees_) {
+    setup.max_dense_blocks = 0;
+  }
   const std::int64_t frame_number = frame_count_.fetch_add(1) + 1;
   const auto begin =
       [&](int part_index, int replica_index,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
     agent::FrameTask own;
-    own.spec = spec;
+    own.spec = stored;
+    if (spec.level > 0) {
+      own.whole = whole;
+    }
     own.frame_number = frame_number;
     own.agent_index = part_index;
     own.agent_count = static_cast<int>(shards.size());
@@ -377,9 +428,9 @@ absl::StatusOr<server::FrameResult> LocalCluster::RenderShards(
     const auto part = static_cast<std::size_t>(part_index);
     const std::shared_ptr<const agent::Shard>& shard = shards[part];
     std::vector<agent::Shards> own_colors;
-    for (const agent::Shards& surface_shards : colors) {
-      own_colors.push_back(surface_shards.empty() ? agent::Shards{}
-                                                  : agent::Shards{surface_shards[part]});
+    for (const Level& color : colors) {
+      own_colors.push_back(color.shards.empty() ? agent::Shards{}
+                                                : agent::Shards{color.shards[part]});
     }
     if (loses_agents_ && replica_index == 0) {
       const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),

@@ -23,6 +23,7 @@
 #include "core/render/renderer.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/series_manifest.h"
+#include "core/volume/grid_geometry.h"
 #include "partition-agent/cache/block_cache.h"
 #include "partition-agent/shard/series_shard.h"
 #include "partition-agent/shard/shard.h"
@@ -31,6 +32,9 @@
 #include "tests/support/draws.h"
 
 namespace isoscope::testing {
+
+// Returns the grid of a level of the volume with this grid.
+volume::GridGeometry GridOfLevel(const volume::GridGeometry& whole, int level);
 
 // A cluster is awake or asleep. Only one of the process may be awake: each bounds the threads of
 // the process, and TBB takes the least bound. Frames may be rendered side by side; all else is
@@ -84,9 +88,13 @@ class LocalCluster {
 
   // From now on each part has two agents, and frames lose the first ones somewhere on the way.
   void LoseAgents() { loses_agents_ = true; }
+  // From now on the coordinator culls by trees, as in volumes with too many blocks for a set of
+  // them. Forgets active blocks.
+  void CullByTrees();
 
   // Renders one frame through all steps. Of `request`, its number, what tells the
-  // agents apart and report_active_blocks are set here.
+  // agents apart and report_active_blocks are set here. Its level is drawn: NOT_FOUND if a shard
+  // lacks it. Isovalues and ranges are in field units at every level.
   absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec,
                                              const base::Cancellation& cancellation);
   absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec) {
@@ -97,13 +105,23 @@ class LocalCluster {
                                              const store::ScalarVolumeKey& volume);
 
  private:
+  // A level of a volume, by agent.
+  struct Level {
+    agent::Shards shards;
+    double value_scale = 1;  // volume::VolumeLevel::value_scale
+  };
+
+  // NOT_FOUND if a shard lacks it.
+  static absl::StatusOr<Level> LevelOf(const agent::Shards& shards, int level);
   // Opens a scalar volume on all agents.
-  [[nodiscard]] absl::StatusOr<agent::Shards> OpenVolume(const store::ScalarVolumeKey& key) const;
-  // `shards` by agent; `colors` by surface, then by agent, empty where a surface shows no field.
-  absl::StatusOr<server::FrameResult> RenderShards(const frame::FrameSpec& spec,
-                                                   const agent::Shards& shards,
-                                                   const std::vector<agent::Shards>& colors,
-                                                   const base::Cancellation& cancellation);
+  [[nodiscard]] absl::StatusOr<Level> OpenVolume(const store::ScalarVolumeKey& key,
+                                                 int level) const;
+  // `whole`: grid of level 0. `colors` by surface, empty where a surface shows no field.
+  absl::StatusOr<server::FrameResult> RenderLevel(const frame::FrameSpec& spec,
+                                                  const volume::GridGeometry& whole,
+                                                  const Level& drawn,
+                                                  const std::vector<Level>& colors,
+                                                  const base::Cancellation& cancellation);
 
   agent::Shards shards_;                                     // empty if it is a series
   std::vector<std::unique_ptr<agent::SeriesShard>> series_;  // empty if it is none
@@ -121,6 +139,7 @@ class LocalCluster {
   std::unique_ptr<server::ActiveBlocksCache> active_blocks_;
   std::atomic<std::int64_t> frame_count_{0};
   bool loses_agents_ = false;
+  bool culls_by_trees_ = false;
 };
 
 // Makes the renderer that clusters of an OpenGL test share, with a limit drawn from `seed`: a

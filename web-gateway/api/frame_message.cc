@@ -25,6 +25,9 @@ std::string EncodeFrame(v1::InteractResponse response) {
     }
     response.mutable_frame()->clear_jpeg();
     response.mutable_frame()->clear_png();
+  } else if (response.has_tile()) {
+    image = std::move(*response.mutable_tile()->mutable_png());
+    response.mutable_tile()->clear_png();
   }
   std::string depths;
   if (response.has_depth_grid()) {
@@ -54,15 +57,25 @@ absl::StatusOr<v1::InteractRequest> DecodeInteractRequest(absl::string_view json
   return request;
 }
 
-std::optional<std::int64_t> FrameSlot::Offer(Frame frame) {
-  std::optional<std::int64_t> replaced;
-  if (frame_) {
-    replaced = frame_->frame_number;
+bool AddsToPicture(const v1::InteractResponse& response) { return !response.has_frame(); }
+
+std::vector<std::int64_t> FrameQueue::Offer(Frame frame) {
+  std::vector<std::int64_t> dropped;
+  while (!frames_.empty() && (!frame.adds_to_picture || frames_.size() >= kMaxFrames)) {
+    dropped.push_back(frames_.front().frame_number);
+    frames_.pop_front();
   }
-  frame_ = std::move(frame);
-  return replaced;
+  frames_.push_back(std::move(frame));
+  return dropped;
 }
 
-std::optional<FrameSlot::Frame> FrameSlot::Take() { return std::exchange(frame_, std::nullopt); }
+std::optional<FrameQueue::Frame> FrameQueue::Take() {
+  if (frames_.empty()) {
+    return std::nullopt;
+  }
+  std::optional<Frame> oldest(std::move(frames_.front()));
+  frames_.pop_front();
+  return oldest;
+}
 
 }  // namespace isoscope::gateway

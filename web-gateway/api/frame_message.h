@@ -4,7 +4,7 @@
 //   u32 little-endian   length of the JSON
 //   JSON                InteractResponse without its bytes, and with
 //                       "image": {"type": "image/jpeg", "bytes": N}, "depthBytes": M
-//   N bytes             the picture
+//   N bytes             the picture, or the tile
 //   M bytes             the depth grid: u16 little-endian, row by row
 
 #ifndef ISOSCOPE_WEB_GATEWAY_API_FRAME_MESSAGE_H_
@@ -12,8 +12,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
@@ -30,21 +32,30 @@ std::string EncodeFrame(isoscope::v1::InteractResponse response);
 // INVALID_ARGUMENT: no JSON of an InteractRequest, or neither a state nor an acknowledged frame.
 absl::StatusOr<isoscope::v1::InteractRequest> DecodeInteractRequest(absl::string_view json);
 
-// The queue of a viewer, for one frame: the next to be sent. Thread-compatible.
-class FrameSlot {
+// Whether an answer leaves those before it as they are: a tile, a deferred frame, an error. A frame
+// takes the place of whatever came before.
+bool AddsToPicture(const isoscope::v1::InteractResponse& response);
+
+// The queue of a viewer: a frame, and the tiles that came after it. Thread-compatible.
+class FrameQueue {
  public:
   struct Frame {
     std::int64_t frame_number = 0;
+    bool adds_to_picture = false;  // as AddsToPicture
     std::string bytes;
   };
 
-  // Stores a frame. Returns the number of the frame that it replaces, which is never sent.
-  std::optional<std::int64_t> Offer(Frame frame);
-  // Removes the frame and returns it; nullopt if there is none.
+  // The most that wait. The server sends fewer tiles ahead, unless its viewer is silent.
+  static constexpr std::size_t kMaxFrames = 16;
+
+  // Stores a frame behind those that it adds to, else in place of all. Returns the numbers of those
+  // that are never sent: replaced ones, and the oldest beyond kMaxFrames.
+  std::vector<std::int64_t> Offer(Frame frame);
+  // Removes the oldest frame and returns it; nullopt if there is none.
   std::optional<Frame> Take();
 
  private:
-  std::optional<Frame> frame_;
+  std::deque<Frame> frames_;
 };
 
 }  // namespace isoscope::gateway

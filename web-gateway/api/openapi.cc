@@ -38,7 +38,7 @@ constexpr char kDescription[] =
 
 // Names of values that are numbers, as --help has them.
 constexpr std::array<absl::string_view, 3> kIntegers = {"N", "W", "H"};
-constexpr std::array<absl::string_view, 4> kNumbers = {"V", "DEG", "F", "T"};
+constexpr std::array<absl::string_view, 5> kNumbers = {"V", "DEG", "F", "T", "PX"};
 
 template <typename Names>
 bool Contains(const Names& names, const std::string& name) {
@@ -108,6 +108,8 @@ Json PictureHeaders() {
   headers["X-Isoscope-Time"]["description"] = "of a dataset with times: that of the step";
   headers["X-Isoscope-Color-Ranges"]["description"] =
       "the ranges of the colour maps, as JSON: by surface, and that of cuts";
+  headers["X-Isoscope-Level"]["description"] =
+      "if level or max-spacing is given: what was drawn, a DrawnLevel as JSON";
   for (auto& [name, header] : headers.items()) {
     header["schema"]["type"] = "string";
   }

@@ -46,7 +46,8 @@ std::pair<const char*, std::string*> OutputOf(const OutputOptions& output,
       return {kBytes, output.depth()           ? response->mutable_depth()
                       : output.surface_index() ? response->mutable_surface_index()
                       : output.position()      ? response->mutable_position()
-                                               : response->mutable_normal()};
+                      : output.normal()        ? response->mutable_normal()
+                                               : response->mutable_depth_bounds()};
     default:
       return {"image/png", response->mutable_png()};
   }
@@ -71,6 +72,20 @@ std::string ColorRangesOf(const v1::RenderIsosurfaceResponse& rendered) {
   return ranges.empty() ? "" : absl::StrCat("{", absl::StrJoin(ranges, ","), "}");
 }
 
+// The levels that a choice is among: they may be added and dropped while the id stays. Empty: the
+// request is of level 0, whatever there is.
+std::string LevelsOf(const v1::RenderIsosurfaceRequest& request, const v1::Dataset& dataset) {
+  if (!request.has_level() ||
+      (request.level().choice_case() == v1::LevelChoice::kLevel && request.level().level() == 0)) {
+    return "";
+  }
+  std::string levels = "levels";
+  for (const v1::DatasetLevel& level : dataset.levels()) {
+    absl::StrAppend(&levels, " ", level.level(), ":", static_cast<int>(level.filter()));
+  }
+  return levels;
+}
+
 PictureCaching NoCaching() { return {.etag = "", .headers = {{"Cache-Control", "no-store"}}}; }
 
 }  // namespace
@@ -79,7 +94,8 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
   const OutputOptions& output = request.output();
   const int plane_count = static_cast<int>(output.depth()) +
                           static_cast<int>(output.surface_index()) +
-                          static_cast<int>(output.position()) + static_cast<int>(output.normal());
+                          static_cast<int>(output.position()) + static_cast<int>(output.normal()) +
+                          static_cast<int>(output.depth_bounds());
   const bool has_image = output.image_format() != OutputOptions::IMAGE_FORMAT_NONE;
   if (plane_count + static_cast<int>(has_image) != 1) {
     return absl::InvalidArgumentError(
@@ -94,6 +110,11 @@ absl::Status CheckAnswerable(const v1::RenderIsosurfaceRequest& request) {
     return absl::InvalidArgumentError(
         "allowPartial is true: a picture over HTTP can't say what is missing in it; ask the "
         "coordinator");
+  }
+  if (request.with_unresolved_count()) {
+    return absl::InvalidArgumentError(
+        "withUnresolvedCount is true: a picture over HTTP has no statistics; ask the coordinator, "
+        "or /v1/interact");
   }
   if (request.with_notes()) {
     return absl::InvalidArgumentError(
@@ -120,6 +141,7 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
     digest = DigestOfStep(*selection, dataset);
   }
   const std::string bytes = Serialize(*request);
+  const std::string levels = LevelsOf(*request, dataset);
   const std::string ranges = RangesOfColors(*request, dataset);
   std::vector<absl::string_view> parts = {dataset.dataset_id(), picture_revision, bytes};
   if (!ranges.empty()) {
@@ -127,6 +149,9 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
   }
   if (!digest.empty()) {
     parts.emplace_back(digest);
+  }
+  if (!levels.empty()) {
+    parts.emplace_back(levels);
   }
   // Annotations show names and units of the dataset, which its id does not tell.
   const std::string described = extras_key.empty() ? "" : Serialize(dataset);
@@ -138,7 +163,7 @@ PictureCaching CachingOf(const v1::Dataset& dataset, absl::string_view picture_r
   // The id of a dataset names its first step alone.
   const bool is_named = request->selection().time_step() == 0;
   const bool is_immutable =
-      is_by_id && is_named && !may_change && ranges.empty() && extras_key.empty();
+      is_by_id && is_named && !may_change && ranges.empty() && levels.empty() && extras_key.empty();
   return {.etag = etag,
           .headers = {{"ETag", etag},
                       {"Cache-Control",
@@ -159,6 +184,9 @@ HttpResponse PictureResponse(const v1::RenderIsosurfaceRequest& request,
   }
   if (rendered.has_time()) {
     response.headers.emplace_back("X-Isoscope-Time", ToJson(rendered.time()));
+  }
+  if (rendered.has_drawn_level()) {
+    response.headers.emplace_back("X-Isoscope-Level", ToJson(rendered.drawn_level()));
   }
   if (std::string ranges = ColorRangesOf(rendered); !ranges.empty()) {
     response.headers.emplace_back("X-Isoscope-Color-Ranges", std::move(ranges));

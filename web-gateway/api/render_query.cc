@@ -26,6 +26,7 @@
 #include "clients/cpp/request/clip_flags.h"
 #include "clients/cpp/request/effect_flags.h"
 #include "clients/cpp/request/label_flags.h"
+#include "clients/cpp/request/level_flags.h"
 #include "clients/cpp/request/look_flags.h"
 #include "clients/cpp/request/parse_value.h"
 #include "clients/cpp/request/render_request.h"
@@ -136,12 +137,14 @@ struct ViewedFlags {
   client::ViewFlags view;
   client::LookFlags look;
   client::EffectFlags effects;
+  client::LevelFlags level;
 
   void Declare(cli::FlagSet* set) {
     client::AddRequestFlags(set, &request);
     client::AddNamedViewFlags(set, &view);
     client::AddLookFlags(set, &look);
     client::AddEffectFlags(set, &effects);
+    client::AddLevelFlags(set, &level);
   }
 };
 
@@ -185,19 +188,21 @@ struct MeshFlags {
   client::LabelFlags label;
   client::ClipFlags clip;
   client::SelectionFlags selection;
+  std::optional<std::int64_t> level;
 
   void Declare(cli::FlagSet* set) {
     cli::AddFlag(set, "--isovalue", "V", &isovalue, client::ParseNumber,
-                 "the level, in field units");
+                 "the isovalue, in field units");
     cli::AddFlag(set, "--color", "COLOR", &color, client::ParseColor,
                  "colour of the surface: a name of CSS as teal, #RRGGBB, or R,G,B from 0 to 1 "
                  "(default: none)");
     cli::AddRepeatableFlag(set, "--surface", "V[:COLOR]", &surfaces, client::ParseSurface,
-                           "a surface: its level and colour; instead of --isovalue and --color, "
+                           "a surface: its isovalue and colour; instead of --isovalue and --color, "
                            "any number of times");
     client::AddLabelFlags(set, &label, /*has_opacity=*/false);
     client::AddClipFlags(set, &clip);
     client::AddSelectionFlags(set, &selection);
+    client::AddMeshLevelFlag(set, &level);
   }
 };
 
@@ -254,6 +259,8 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RequestOf(const v1::Dataset& dataset
                             client::MakeRequest(asked, dataset.name(), *camera, flags->view.fit));
   client::SetEffects(flags->effects, &request);
   client::AddLook(flags->look, &request);
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(flags->level)));
+  client::SetLevel(flags->level, &request);
   return request;
 }
 
@@ -369,6 +376,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(client::MeshFormat format,
   mesh.request = client::MakeExportRequest(flags.isovalue, flags.surfaces, flags.clip,
                                            dataset.name(), flags.label);
   mesh.request.set_with_origin(true);
+  mesh.request.set_level(static_cast<std::int32_t>(flags.level.value_or(0)));
   if (const auto proto = ToProto(flags.selection); proto) {
     *mesh.request.mutable_selection() = *proto;
   }

@@ -143,6 +143,11 @@ absl::StatusOr<std::string> RecordPng(absl::string_view png,
   // The resolved camera needs no fit.
   *record.request.mutable_camera() = response.camera();
   record.request.clear_camera_fit();
+  record.request.clear_level();
+  if (response.drawn_level().level() > 0) {
+    record.request.mutable_level()->set_level(response.drawn_level().level());
+    record.drawn_level = response.drawn_level();
+  }
   return AddPictureRecord(png, record);
 }
 

@@ -5,11 +5,13 @@
 //    "picture_revision": "4 cpu",
 //    "samples_digest": "4ea8...",
 //    "request": {"isovalue": 60, "camera": {...}, "viewport": {...}},
-//    "annotated": {"plain_png_sha256": "...", "boxes": [[x, y, width, height], ...]}}
+//    "annotated": {"plain_png_sha256": "...", "boxes": [[x, y, width, height], ...]},
+//    "drawn_level": {"level": 2, "max_spacing_px": 0.9, "spacing": {"x": 4, "y": 4, "z": 4}}}
 //
 // `request` is RenderIsosurfaceRequest in proto3's JSON with the names of the .proto, and with all
 // its fields, including future ones. It holds the resolved camera, also if the request left it to
-// the server. Numbers are written so that reading restores the same bits.
+// the server. A level that the server chose is in it as a number; level 0 is left out, as
+// `drawn_level` is then. Numbers are written so that reading restores the same bits.
 
 #include "clients/cpp/connection/png_metadata.h"
 
@@ -116,17 +118,27 @@ absl::StatusOr<AnnotatedPicture> ReadAnnotated(const Json& json) {
   return annotated;
 }
 
-absl::Status ReadRequest(const Json& json, isoscope::v1::RenderIsosurfaceRequest* request) {
+Json ToJson(const google::protobuf::Message& message) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.preserve_proto_field_names = true;
+  std::string text;
+  ISOSCOPE_CHECK(google::protobuf::util::MessageToJsonString(message, &text, options).ok());
+  return Json::parse(text);
+}
+
+// Reads the member of that name.
+absl::Status ReadMessage(const Json& parent, const char* name, google::protobuf::Message* message) {
+  const Json json = parent.value(name, Json());
   if (!json.is_object()) {
-    return Malformed("no object 'request'");
+    return Malformed(absl::StrCat("no object '", name, "'"));
   }
-  const auto status = google::protobuf::util::JsonStringToMessage(json.dump(), request);
+  const auto status = google::protobuf::util::JsonStringToMessage(json.dump(), message);
   if (!status.ok()) {
-    const std::string message(status.message().data(), status.message().size());
+    const std::string error(status.message().data(), status.message().size());
     // The library's message is "Cannot find field" with the name.
-    return message.find("annot find") != std::string::npos
-               ? FromNewerVersion(absl::StrCat("a member in 'request' (", message, ")"))
-               : Malformed(absl::StrCat("'request': ", message));
+    return error.find("annot find") != std::string::npos
+               ? FromNewerVersion(absl::StrCat("a member in '", name, "' (", error, ")"))
+               : Malformed(absl::StrCat("'", name, "': ", error));
   }
   return absl::OkStatus();
 }
@@ -169,23 +181,18 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_with_trace();
   deciding.clear_allow_partial();
   deciding.clear_with_notes();
+  deciding.clear_with_unresolved_count();
   deciding.clear_dataset_id();
   return deciding;
 }
 
 std::string EncodePictureRecord(const PictureRecord& record) {
-  google::protobuf::util::JsonPrintOptions options;
-  options.preserve_proto_field_names = true;
-  std::string request;
-  ISOSCOPE_CHECK(
-      google::protobuf::util::MessageToJsonString(DecidingPart(record.request), &request, options)
-          .ok());
   Json json;
   json["format"] = kFormat;
   json["format_version"] = kFormatVersion;
   json["picture_revision"] = record.picture_revision;
   json["samples_digest"] = record.samples_digest;
-  json["request"] = Json::parse(request);
+  json["request"] = ToJson(DecidingPart(record.request));
   if (record.annotated) {
     Json boxes = Json::array();
     for (const view::PixelRect& box : record.annotated->boxes) {
@@ -193,6 +200,9 @@ std::string EncodePictureRecord(const PictureRecord& record) {
     }
     json["annotated"] = {{"plain_png_sha256", record.annotated->plain_png_sha256},
                          {"boxes", boxes}};
+  }
+  if (record.drawn_level) {
+    json["drawn_level"] = ToJson(*record.drawn_level);
   }
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
@@ -210,16 +220,19 @@ absl::StatusOr<PictureRecord> DecodePictureRecord(absl::string_view text) {
     return FromNewerVersion(
         absl::StrCat("format_version ", json.value("format_version", Json()).dump()));
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckMembers(
-      json, "",
-      {"format", "format_version", "picture_revision", "samples_digest", "request", "annotated"}));
+  ISOSCOPE_RETURN_IF_ERROR(CheckMembers(json, "",
+                                        {"format", "format_version", "picture_revision",
+                                         "samples_digest", "request", "annotated", "drawn_level"}));
   PictureRecord record;
   ISOSCOPE_RETURN_IF_ERROR(ReadText(json, "picture_revision", &record.picture_revision));
   ISOSCOPE_RETURN_IF_ERROR(ReadText(json, "samples_digest", &record.samples_digest));
-  ISOSCOPE_RETURN_IF_ERROR(ReadRequest(json.value("request", Json()), &record.request));
+  ISOSCOPE_RETURN_IF_ERROR(ReadMessage(json, "request", &record.request));
   record.request = DecidingPart(record.request);
   if (const auto annotated = json.find("annotated"); annotated != json.end()) {
     ISOSCOPE_ASSIGN_OR_RETURN(record.annotated, ReadAnnotated(*annotated));
+  }
+  if (json.contains("drawn_level")) {
+    ISOSCOPE_RETURN_IF_ERROR(ReadMessage(json, "drawn_level", &record.drawn_level.emplace()));
   }
   return record;
 }

@@ -32,8 +32,9 @@ struct AnnotatedPicture {
 struct PictureRecord {
   std::string picture_revision;                   // code, back end and driver of the agents
   std::string samples_digest;                     // of samples and grid
-  isoscope::v1::RenderIsosurfaceRequest request;  // reduced by DecidingPart
+  isoscope::v1::RenderIsosurfaceRequest request;  // reduced by DecidingPart; names its level
   std::optional<AnnotatedPicture> annotated = std::nullopt;
+  std::optional<isoscope::v1::DrawnLevel> drawn_level = std::nullopt;  // not set: level 0
 };
 
 // Returns `request` without the members that do not affect a pixel: the dataset's name, culling,

@@ -32,7 +32,8 @@ std::size_t PlaneBytesPerPixel(const v1::OutputOptions& output) {
                                   .depth = output.depth(),
                                   .surface_index = output.surface_index(),
                                   .position = output.position(),
-                                  .normal = output.normal()});
+                                  .normal = output.normal(),
+                                  .depth_bounds = output.depth_bounds()});
 }
 
 }  // namespace
@@ -52,6 +53,7 @@ void RequestPlanes(const PlaneFiles& files, v1::OutputOptions* options) {
   options->set_surface_index(files.surface_index.has_value());
   options->set_position(files.position.has_value());
   options->set_normal(files.normal.has_value());
+  options->set_depth_bounds(files.depth_bounds.has_value());
 }
 
 absl::Status WritePlanes(const PlaneFiles& files, const v1::RenderIsosurfaceResponse& response) {
@@ -73,6 +75,10 @@ absl::Status WritePlanes(const PlaneFiles& files, const v1::RenderIsosurfaceResp
   if (files.normal) {
     ISOSCOPE_RETURN_IF_ERROR(
         WriteNpy(*files.normal, "<f4", kFloatBytes, {height, width, 3}, response.normal()));
+  }
+  if (files.depth_bounds) {
+    ISOSCOPE_RETURN_IF_ERROR(WriteNpy(*files.depth_bounds, "<f4", kFloatBytes, {height, width, 2},
+                                      response.depth_bounds()));
   }
   return absl::OkStatus();
 }

@@ -26,16 +26,19 @@ struct PlaneFiles {
   std::optional<std::string> surface_index = std::nullopt;
   std::optional<std::string> position = std::nullopt;
   std::optional<std::string> normal = std::nullopt;
+  std::optional<std::string> depth_bounds = std::nullopt;
 
   // Returns true if any plane is requested.
-  [[nodiscard]] bool any_plane() const { return depth || surface_index || position || normal; }
+  [[nodiscard]] bool any_plane() const {
+    return depth || surface_index || position || normal || depth_bounds;
+  }
 };
 
 // Adds these planes to the request, and keeps the requested picture.
 void RequestPlanes(const PlaneFiles& files, isoscope::v1::OutputOptions* options);
 
-// Writes the planes of a response, as arrays of shape height, width and, for vectors, 3. Each file
-// appears complete or not at all. DATA_LOSS: a plane lacks the size of the picture, for instance
+// Writes the planes of a response, as arrays of shape height, width and, for vectors, 3, for bounds
+// 2. Each file appears complete or not at all. DATA_LOSS: a plane lacks the size of the picture, for instance
 // because it was not requested. Else errors of writing.
 absl::Status WritePlanes(const PlaneFiles& files,
                          const isoscope::v1::RenderIsosurfaceResponse& response);

@@ -88,10 +88,11 @@ isoscope::v1::Color ToProto(const frame::Color& color) {
 }
 
 void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
-  cli::AddFlag(set, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  cli::AddFlag(set, "--isovalue", "V", &flags->isovalue, ParseNumber,
+               "the isovalue, in field units");
   cli::AddRepeatableFlag(
       set, "--surface", "V[:COLOR[:OPACITY]]", &flags->surfaces, ParseSurface,
-      "a surface: its level, colour and opacity (below 1: translucent); instead of "
+      "a surface: its isovalue, colour and opacity (below 1: translucent); instead of "
       "--isovalue and --color, up to 128 times");
   AddLabelFlags(set, &flags->label);
   cli::AddFlag(

@@ -203,7 +203,7 @@ void AddSweepFlags(cli::FlagSet* set, SweepFlags* flags, RequestFlags* request) 
     return absl::OkStatus();
   };
   set->Add("--isovalue", "V|A:B:STEP", parse_isovalues,
-           "the level, in field units; START:STOP:STEP renders a frame for each level");
+           "the isovalue, in field units; START:STOP:STEP renders a frame for each value");
   set->Remove("--step");
   const auto parse_steps = [flags, request](absl::string_view text) -> absl::Status {
     ISOSCOPE_ASSIGN_OR_RETURN(flags->step_range, ParseSteps(text));

@@ -118,6 +118,19 @@ def test_planes_come_with_the_frame_or_when_they_are_used(dataset):
     assert ((seen > lower - 1e-3) & (seen < upper + 1e-3)).all()
 
 
+def test_bounds_hold_the_depth_and_are_those_of_the_command_line(run, client, dataset, tmp_path):
+    frame = dataset.render(127.5, planes=["depth", "depth_bounds"], **SIZE)
+    assert frame.depth_bounds.shape == (120, 160, 2) and frame.depth_bounds.dtype == np.float32
+    nearest, farthest = frame.depth_bounds[:, :, 0], frame.depth_bounds[:, :, 1]
+    seen = np.isfinite(frame.depth)
+    assert seen.any() and (nearest[seen] <= frame.depth[seen]).all() and (frame.depth[seen] <= farthest[seen]).all()
+    proved = np.isinf(nearest)
+    assert proved.any() and not (proved & seen).any() and (proved == np.isinf(farthest)).all()
+    assert np.array_equal(dataset.render(127.5, **SIZE).depth_bounds, frame.depth_bounds)
+    by_command(run, client, tmp_path, "--isovalue", 127.5, "--depth-bounds", tmp_path / "bounds.npy")
+    assert np.array_equal(frame.depth_bounds, np.load(tmp_path / "bounds.npy"))
+
+
 def test_depth_is_that_of_the_command_line(run, client, dataset, tmp_path):
     by_command(run, client, tmp_path, "--isovalue", 127.5, "--depth", tmp_path / "depth.npy")
     assert np.array_equal(dataset.render(127.5, **SIZE).depth, np.load(tmp_path / "depth.npy"))
@@ -349,7 +362,8 @@ def test_messages_with_every_field_reach_the_server():
     assert fields - {"with_trace"} == {
         "dataset", "isovalue", "camera", "viewport", "culling", "base_color", "background_color", "ray_seed",
         "surfaces", "clip", "lights", "camera_fit", "region", "output", "ambient_occlusion", "silhouette", "samples",
-        "max_layers", "caps", "allow_partial", "dataset_id", "selection", "nan_color", "with_notes",
+        "max_layers", "caps", "allow_partial", "dataset_id", "selection", "nan_color", "with_notes", "level",
+        "with_unresolved_count",
     }  # fmt: skip
 
 

@@ -551,3 +551,13 @@ def test_an_answer_tells_its_bands_and_an_older_server_drew_at_once():
 
     assert _answer.statistics(frame_pb2.RenderStatistics(band_count=12)).band_count == 12
     assert _answer.statistics(frame_pb2.RenderStatistics()).band_count == 1
+
+
+def test_what_a_level_hides_is_told_if_it_is_known():
+    from isoscope import _answer
+    from isoscope._proto import frame_pb2
+
+    assert _answer.statistics(frame_pb2.RenderStatistics()).unresolved_block_count is None
+    for count in (0, 7):
+        proto = frame_pb2.RenderStatistics(unresolved_block_count=count)
+        assert _answer.statistics(proto).unresolved_block_count == count

@@ -1,7 +1,8 @@
-// Frames from the server, from their arrival to the screen.
+// Frames and tiles from the server, from their arrival to the screen.
 //
-// The newest one waits for the next animation frame; an older one that still waits is dropped. Each is
-// acknowledged once, shown or not, and each bitmap is closed. The screen closes those that it shows.
+// The newest frame waits for the next animation frame; an older one that still waits is dropped, and so are tiles of
+// before. Tiles are painted into the frame that is shown, unless the view has another picture by then. Each answer with
+// pixels is acknowledged once, shown or not, and each bitmap is closed. The screen closes those that it shows.
 // @ts-check
 
 import { cameraFromJson, isSameCamera } from './camera.js';
@@ -14,7 +15,8 @@ import { gridOfPicture } from './relief.js';
 /**
  * @typedef {{model: import('./model.js').Model, picture: import('./picture.js').Picture,
  *   stream: import('./state-stream.js').StateStream, connection: import('./connection.js').Connection,
- *   notices: import('./notices.js').Notices, statistics: import('./statistics.js').Statistics}} Parts of a view
+ *   notices: import('./notices.js').Notices, statistics: import('./statistics.js').Statistics,
+ *   refinement: import('./refinement.js').Refinement}} Parts of a view
  */
 
 const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEEDED', 'NOT_FOUND', 'ALREADY_EXISTS',
@@ -52,12 +54,18 @@ function gridOf({ header, depths }) {
 }
 
 export class Frames {
-  /** The state that the frame on the screen answers. */
+  /** The state that the frame on the screen answers, and its picture. */
   shownSequence = 0;
+  shownPicture = -1;
   #parts;
   #on;
   /** @type {any} */
   #arrived = null;
+  /**
+   * Those behind it.
+   * @type {any[]}
+   */
+  #tiles = [];
   /** @type {{grid: DepthGrid, camera: Camera, scene: string} | null} */
   #lastGrid = null;
   #errorSequence = -1;
@@ -67,8 +75,9 @@ export class Frames {
 
   /**
    * @param {Parts} parts
-   * @param {{arrived: () => void, changed: () => void, exhausted: () => void, cameraTaken: () => void, shown: (detail: any) => void}} on
-   *   `arrived`: a frame waits for `show`; `changed`: a state must be sent; `exhausted`: the server has refused two
+   * @param {{arrived: () => void, changed: () => void, exhausted: () => void, cameraTaken: () => void, shown: (detail: any) => void,
+   *   refined: () => void}} on
+   *   `arrived`: a frame or tile waits for `show`; `refined`: a tile is shown, or the exact frame is deferred; `changed`: a state must be sent; `exhausted`: the server has refused two
    *   frames on end for want of memory; `cameraTaken`: the camera is the server's
    */
   constructor(parts, on) {
@@ -77,7 +86,7 @@ export class Frames {
   }
 
   get hasArrived() {
-    return this.#arrived !== null;
+    return this.#arrived !== null || this.#tiles.length > 0;
   }
 
   /** @param {any} message of the worker: frame, dropped or bad */
@@ -108,11 +117,20 @@ export class Frames {
       sent.isAnswered = true;
       statistics.roundTrip.add(message.receivedAt - sent.sentAt);
     }
+    if (header.exactDeferred) {
+      this.#defer(header, sequence);
+      return;
+    }
     if (header.error || !message.bitmap) {
       message.bitmap?.close();
       statistics.counts.bitmapsClosed += message.bitmap ? 1 : 0;
       this.#fail(header.error ?? { code: 13, message: 'the server sent a frame without a picture' }, sequence);
       connection.acknowledge(message);
+      return;
+    }
+    if (header.tile) {
+      this.#tiles.push(message);
+      this.#on.arrived();
       return;
     }
     const camera = cameraFromJson(header.frame?.camera);
@@ -150,22 +168,90 @@ export class Frames {
     }
   }
 
-  /** Drops a frame that was decoded and not shown, and says so. */
+  /**
+   * The exact frame is over a limit: nothing more is waited for.
+   * @param {any} header @param {number} sequence
+   */
+  #defer(header, sequence) {
+    const { stream, notices, refinement } = this.#parts;
+    const picture = stream.of(sequence)?.picture;
+    if (picture === undefined || picture !== stream.picture) {
+      return;
+    }
+    notices.endWaiting();
+    if (sequence > this.#errorSequence) {
+      notices.framed(true);
+    }
+    refinement.takeDeferred(picture, header.exactDeferred);
+    this.#on.refined();
+  }
+
+  /** Drops what was decoded and not shown, and says so. */
   #drop() {
-    if (this.#arrived) {
-      const { counts } = this.#parts.statistics;
-      this.#arrived.bitmap.close();
+    const { connection, statistics: { counts } } = this.#parts;
+    for (const message of [...(this.#arrived ? [this.#arrived] : []), ...this.#tiles]) {
+      message.bitmap.close();
       counts.bitmapsClosed += 1;
       counts.framesDropped += 1;
-      this.#parts.connection.acknowledge(this.#arrived);
-      this.#arrived = null;
+      connection.acknowledge(message);
+    }
+    this.#arrived = null;
+    this.#tiles = [];
+  }
+
+  /** Puts what has arrived on the screen. */
+  show() {
+    if (this.#arrived) {
+      this.#showFrame(this.#arrived);
+    }
+    const tiles = this.#tiles;
+    this.#tiles = [];
+    tiles.forEach((message) => this.#showTile(message));
+    if (tiles.length > 0) {
+      this.#on.refined();
     }
   }
 
-  /** Puts the frame that has arrived on the screen. */
-  show() {
-    const { model, picture, stream, connection, notices, statistics } = this.#parts;
-    const message = this.#arrived;
+  /**
+   * Paints a tile into the frame on the screen. One of another picture than the view's is dropped.
+   * @param {any} message
+   */
+  #showTile(message) {
+    const { model, picture, stream, connection, notices, statistics: { counts }, refinement } = this.#parts;
+    const { header: { tile }, bitmap } = message;
+    const { x = 0, y = 0, widthPx = 0, heightPx = 0 } = tile.region ?? {};
+    const { widthPx: width = 0, heightPx: height = 0 } = tile.extent ?? {};
+    const sequence = sequenceOf(message.header);
+    const number = stream.of(sequence)?.picture;
+    const camera = cameraFromJson(tile.camera) ?? model.camera;
+    const fits = bitmap.width === widthPx && bitmap.height === heightPx && x >= 0 && y >= 0 && x + widthPx <= width && y + heightPx <= height;
+    counts.bitmapsClosed += 1;
+    connection.acknowledge(message);
+    if (!fits) {
+      notices.problem(`The server sent a tile that lies outside of its picture. ${VERSION_HINT}`);
+    }
+    if (!fits || !camera || number === undefined || number !== stream.picture) {
+      counts.framesDropped += 1;
+      bitmap.close();
+      return;
+    }
+    if (model.takeCamera(camera, sequence)) {
+      this.#on.cameraTaken();
+    }
+    picture.paint(bitmap, { x, y }, { width, height, camera, isExact: false, background: model.background });
+    counts.tilesShown += 1;
+    this.shownSequence = sequence;
+    this.shownPicture = number;
+    refinement.takeTile(number, Number(tile.index ?? 0), Number(tile.count ?? 0));
+    notices.endWaiting();
+    if (sequence > this.#errorSequence) {
+      notices.framed(true);
+    }
+  }
+
+  /** @param {any} message */
+  #showFrame(message) {
+    const { model, picture, stream, connection, notices, statistics, refinement } = this.#parts;
     this.#arrived = null;
     const { header, bitmap } = message;
     const sequence = sequenceOf(header);
@@ -178,7 +264,8 @@ export class Frames {
     const { width, height } = bitmap;
     if (camera) {
       const grid = gridOf(message) ?? this.#gridBefore(camera, sent?.scene ?? '');
-      picture.show(bitmap, { width, height, camera, grid, isExact, background: model.background });
+      picture.show(bitmap, { width, height, camera, grid, isExact, background: model.background,
+        drawnLevel: header.frame?.drawnLevel });
     } else {
       bitmap.close();
     }
@@ -189,6 +276,10 @@ export class Frames {
     }
     statistics.shown(isExact, sent);
     this.shownSequence = sequence;
+    this.shownPicture = sent?.picture ?? -1;
+    if (isExact) {
+      refinement.complete(this.shownPicture);
+    }
     connection.acknowledge(message);
     if (sequence > this.#errorSequence || isExact) {
       notices.endWaiting();

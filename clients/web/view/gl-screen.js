@@ -107,6 +107,8 @@ const ENLARGED_SHARE = 0.9;
 /** The texture units. */
 const PICTURE_UNIT = 0;
 const DEPTHS_UNIT = 1;
+/** That of a picture which is drawn into. */
+const TARGET_UNIT = 2;
 
 /**
  * Compiles and links the program; null, with a warning, where that fails.
@@ -130,18 +132,27 @@ function linkProgram(gl) {
 }
 
 /**
+ * Makes the texture of a unit.
+ * @param {WebGL2RenderingContext} gl @param {number} unit
+ */
+function makeTexture(gl, unit) {
+  const texture = gl.createTexture();
+  gl.activeTexture(gl.TEXTURE0 + unit);
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  for (const [name, value] of [[gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
+    [gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST]]) {
+    gl.texParameteri(gl.TEXTURE_2D, name, value);
+  }
+  return texture;
+}
+
+/**
  * Makes the textures of picture and depths.
  * @param {WebGL2RenderingContext} gl
  */
 function makeTextures(gl) {
-  for (const unit of [PICTURE_UNIT, DEPTHS_UNIT]) {
-    gl.activeTexture(gl.TEXTURE0 + unit);
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-    for (const [name, value] of [[gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
-      [gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST]]) {
-      gl.texParameteri(gl.TEXTURE_2D, name, value);
-    }
-  }
+  makeTexture(gl, PICTURE_UNIT);
+  makeTexture(gl, DEPTHS_UNIT);
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
   gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
 }
@@ -186,6 +197,71 @@ class GlScreen {
     this.#frame = frame;
   }
 
+  /** @param {ImageBitmap} bitmap @param {import('./picture.js').Corner} at @param {ShownFrame} frame */
+  paint(bitmap, at, frame) {
+    const gl = this.#gl;
+    if (this.#frame?.width !== frame.width || this.#frame.height !== frame.height) {
+      this.#scale(frame);
+    }
+    gl.activeTexture(gl.TEXTURE0 + PICTURE_UNIT);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, at.x, at.y, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
+    bitmap.close();
+    this.#frame = frame;
+  }
+
+  /**
+   * Gives the picture the size of a frame.
+   * @param {ShownFrame} frame
+   */
+  #scale({ width, height, background }) {
+    const gl = this.#gl;
+    gl.activeTexture(gl.TEXTURE0 + PICTURE_UNIT);
+    const before = gl.getParameter(gl.TEXTURE_BINDING_2D);
+    const target = makeTexture(gl, TARGET_UNIT);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
+    const buffer = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target, 0);
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(background[0], background[1], background[2], 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    if (this.#frame) {
+      this.#setPicture(this.#frame, height, false);
+      this.#drawFlat(this.#frame, width, height, -1);  // row 0 of a texture is the first of a picture
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.deleteFramebuffer(buffer);
+    gl.bindTexture(gl.TEXTURE_2D, null);
+    gl.activeTexture(gl.TEXTURE0 + PICTURE_UNIT);
+    gl.bindTexture(gl.TEXTURE_2D, target);
+    gl.deleteTexture(before);
+  }
+
+  /**
+   * Says how the picture is looked up.
+   * @param {ShownFrame} frame @param {number} height of what is drawn to @param {boolean} isPixelByPixel
+   */
+  #setPicture(frame, height, isPixelByPixel) {
+    const gl = this.#gl;
+    gl.activeTexture(gl.TEXTURE0 + PICTURE_UNIT);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
+      gl.texParameteri(gl.TEXTURE_2D, name, isPixelByPixel ? gl.NEAREST : gl.LINEAR);
+    }
+    // A moving frame of a large volume has few pixels: bilinear, each of them would be seen.
+    gl.uniform2f(this.#at.pictureSize, frame.width, frame.height);
+    gl.uniform1i(this.#at.isEnlarged, frame.height < ENLARGED_SHARE * height ? 1 : 0);
+  }
+
+  /** @param {ShownFrame} frame @param {number} width @param {number} height of what is drawn to @param {1 | -1} up */
+  #drawFlat(frame, width, height, up) {
+    const gl = this.#gl;
+    gl.disable(gl.DEPTH_TEST);
+    gl.uniform3i(this.#at.mode, 1, 1, 1);
+    // The picture has the height of the view; it may be wider or narrower.
+    gl.uniform2f(this.#at.flatScale, frame.width / frame.height / (width / height), up);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  }
+
   /** @param {number} width @param {number} height */
   resize(width, height) {
     this.canvas.width = width;
@@ -205,22 +281,13 @@ class GlScreen {
     gl.clearColor(frame.background[0], frame.background[1], frame.background[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     const isPixelByPixel = !grid && frame.width === canvas.width && frame.height === canvas.height;
-    gl.activeTexture(gl.TEXTURE0 + PICTURE_UNIT);
-    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
-      gl.texParameteri(gl.TEXTURE_2D, name, isPixelByPixel ? gl.NEAREST : gl.LINEAR);
-    }
-    // A moving frame of a large volume has few pixels: bilinear, each of them would be seen.
-    gl.uniform2f(this.#at.pictureSize, frame.width, frame.height);
-    gl.uniform1i(this.#at.isEnlarged, frame.height < ENLARGED_SHARE * canvas.height ? 1 : 0);
-    gl.uniform3i(this.#at.mode, grid ? 0 : 1, frame.camera.height > 0 ? 0 : 1, camera.height > 0 ? 0 : 1);
+    this.#setPicture(frame, canvas.height, isPixelByPixel);
     if (grid) {
+      gl.uniform3i(this.#at.mode, 0, frame.camera.height > 0 ? 0 : 1, camera.height > 0 ? 0 : 1);
       this.#drawRelief(frame, grid, camera);
       return true;
     }
-    gl.disable(gl.DEPTH_TEST);
-    // The picture has the height of the view; it may be wider or narrower.
-    gl.uniform2f(this.#at.flatScale, frame.width / frame.height / (canvas.width / canvas.height), 1);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    this.#drawFlat(frame, canvas.width, canvas.height, 1);
     return false;
   }
 

@@ -15,6 +15,7 @@ import { Model } from './model.js';
 import { Announcer, Notices } from './notices.js';
 import { Overlay } from './overlay.js';
 import { Picture } from './picture.js';
+import { Refinement } from './refinement.js';
 import { StateStream } from './state-stream.js';
 import { Statistics } from './statistics.js';
 import { AnimationLoop } from './tab.js';
@@ -33,6 +34,8 @@ import { AnimationLoop } from './tab.js';
  *   limit, and 2048 where that is not told
  * @property {boolean} [axes] @property {boolean} [scaleBar] default: both shown
  * @property {boolean} [box] default: not shown
+ * @property {Partial<import('./refinement.js').Limits>} [limits] of what an exact picture may cost, where the server can tell: without
+ *   a limit it is drawn, however long that takes; default: no limits
  * @property {'always' | 'focused'} [wheel] when the wheel zooms; default: always
  * @property {string} [label] what the view is, for screen readers
  * @property {(sentence: string) => void} [announce] takes what screen readers should say; default: the view has a live
@@ -40,6 +43,10 @@ import { AnimationLoop } from './tab.js';
  * @property {Transport} [transport] used where the gateway cannot be reached
  */
 
+
+/** The pointer moves the place where tiles come first by so much of the picture, and so often, at most. */
+const FOCUS_SHARE = 0.05;
+const FOCUS_EVERY_MS = 200;
 
 export class Loop {
   model = new Model();
@@ -53,6 +60,10 @@ export class Loop {
   /** @type {number | null} */
   #movedAt = null;
   #isLearning = false;
+  /** The place that was asked for last. */
+  #focusSent = { x: 0.5, y: 0.5, time: 0 };
+  /** Whether a state is to be sent for its place only. */
+  #isRefocused = false;
   /** Of the picture whose pixels became fewer; '': none did. */
   #yieldedWeight = '';
 
@@ -69,7 +80,11 @@ export class Loop {
     const announcer = new Announcer((sentence) => { speech.textContent = sentence; });
     this.notices = new Notices(notice, options.announce ?? ((sentence) => announcer.say(sentence)),
       (detail) => emit('notice', detail));
-    this.picture = new Picture(root, options, () => this.change(false, null));
+    this.refinement = new Refinement(options.limits);
+    this.picture = new Picture(root, options, () => {
+      this.stream.renew();
+      this.change(false, null);
+    });
     this.overlay = new Overlay(this.picture, options);
     this.connection = new Connection(this.#client, this.notices,
       { transport: options.transport, isTransportFirst: !options.url }, {
@@ -87,6 +102,8 @@ export class Loop {
       exhausted: () => this.#yieldPixels(),
       cameraTaken: () => emit('state', { state: this.model.toState(), isMoving: false }),
       shown: (detail) => emit('frame', detail),
+      refined: () => emit('refined', { progress: this.refinement.progressOf(this.stream.picture),
+        deferred: this.refinement.deferredOf(this.stream.picture) }),
     });
     this.resizer = new ResizeObserver((entries) => {
       const size = entries.at(-1)?.devicePixelContentBoxSize?.[0];
@@ -106,7 +123,7 @@ export class Loop {
     }
     this.#resize();
     showFirst();
-    this.#learnLimit();
+    this.#learnAbilities();
     this.connection.connect();
   }
 
@@ -132,6 +149,26 @@ export class Loop {
   /** Takes the size of the element now; the observer would tell it later. */
   resize() {
     this.#resize();
+  }
+
+  /**
+   * The pointer is over the picture: tiles come there first.
+   * @param {{x: number, y: number} | null} place as fractions of the picture; null: it is elsewhere
+   */
+  focus(place) {
+    this.refinement.focus = place;
+    const { x, y, time } = this.#focusSent;
+    const isFar = place !== null && Math.hypot(place.x - x, place.y - y) > FOCUS_SHARE;
+    if (isFar && performance.now() - time > FOCUS_EVERY_MS && this.refinement.progressOf(this.stream.picture)) {
+      this.#isRefocused = true;
+      this.schedule();
+    }
+  }
+
+  /** Sends the same picture again: its limits are others now. */
+  askAgain() {
+    this.stream.change(null);
+    this.schedule();
   }
 
   /** Draws in the next animation frame. */
@@ -168,15 +205,23 @@ export class Loop {
     this.elements.host.remove();
   }
 
-  /** Learns how large a picture may be; a limit of the caller's stays. */
-  async #learnLimit() {
-    if (this.#isLearning || this.#options.maxSide || this.#options.transport && !this.#options.url) {
+  /** Learns how large a picture may be, where no caller has a limit, and whether the server refines pictures. */
+  async #learnAbilities() {
+    if (this.#isLearning || this.#options.transport && !this.#options.url) {
       return;
     }
     this.#isLearning = true;
     try {
-      const { maxViewportPx } = await this.#client.get('v1/capabilities');
-      if (maxViewportPx > 0 && !this.#animation.isEnded) {
+      const { maxViewportPx, features = [] } = await this.#client.get('v1/capabilities');
+      if (this.#animation.isEnded) {
+        return;
+      }
+      const isKnown = features.includes('refinement');
+      if (isKnown !== this.refinement.isKnown) {
+        this.refinement.isKnown = isKnown;
+        this.askAgain();
+      }
+      if (maxViewportPx > 0 && !this.#options.maxSide) {
         this.#options = { ...this.#options, maxSide: maxViewportPx };
         this.picture.setMaxSide(maxViewportPx);
         this.#resize();
@@ -203,7 +248,9 @@ export class Loop {
 
   #send() {
     const { model, stream } = this;
-    if (!this.connection.isOpen || !stream.isDirty || !model.isSet || document.hidden) {
+    const before = this.#isRefocused && !stream.isDirty ? stream.frame : null;
+    this.#isRefocused = false;
+    if (!this.connection.isOpen || !(stream.isDirty || before) || !model.isSet || document.hidden) {
       return;
     }
     if (this.#yieldedWeight && this.#yieldedWeight !== this.#weight()) {
@@ -213,11 +260,16 @@ export class Loop {
         this.overlay.resized();
       }
     }
-    const frame = model.toState();
-    frame.viewport = { widthPx: this.picture.width, heightPx: this.picture.height };
-    this.connection.send(stream.next(frame, this.#options.targetFramesPerSecond ?? 30));
+    // For its place only, a state is that of before: with the camera that the server chose, it would be another picture.
+    const frame = before ?? { ...model.toState(), viewport: { widthPx: this.picture.width, heightPx: this.picture.height } };
+    const refinement = this.refinement.isKnown && this.connection.name === 'gateway' ? this.refinement : null;
+    this.#focusSent = { ...(this.refinement.focus ?? { x: 0.5, y: 0.5 }), time: performance.now() };
+    this.connection.send(stream.next(frame, this.#options.targetFramesPerSecond ?? 30, refinement));
     this.statistics.counts.statesSent += 1;
-    this.notices.beginWaiting();
+    // Of a picture that is here nothing more comes, unless the server knows no pictures.
+    if (!before && !(refinement && this.frames.shownPicture === stream.picture && this.picture.frame?.isExact)) {
+      this.notices.beginWaiting();
+    }
   }
 
   #tick() {
@@ -256,7 +308,7 @@ export class Loop {
   #opened(isAgain) {
     this.statistics.counts.reconnects += isAgain ? 1 : 0;
     this.stream.clear();
-    this.#learnLimit();
+    this.#learnAbilities();
     if (!this.model.dataset) {
       this.describe();
     }

@@ -72,15 +72,20 @@ export default {
       }
     };
     model.on('change:state', onState);
+    const tell = () => {
+      const stats = view.stats();
+      const kind = stats.isExact && stats.isScaled ? 'scaled' : view.pictureText || 'moving';
+      pill.textContent = `${kind} · ${stats.transport}`;
+    };
+    view.addEventListener('refined', tell);
     view.addEventListener('frame', (event) => {
       const { isExact } = /** @type {CustomEvent} */ (event).detail;
-      const stats = view.stats();
-      pill.textContent = `${!isExact ? 'moving' : stats.isScaled ? 'scaled' : 'exact'} · ${stats.transport}`;
+      tell();
       if (isExact) {
         const current = view.getState();
         last = JSON.stringify(current);
         model.set('state', current);
-        model.set('stats', stats);
+        model.set('stats', view.stats());
         model.save_changes();
       }
     });

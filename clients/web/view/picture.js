@@ -11,9 +11,10 @@ import { hasFastWebGl, makeGlScreen } from './gl-screen.js';
 
 /**
  * @typedef {{name: string, canvas: HTMLCanvasElement, isWarping: boolean, show: (bitmap: ImageBitmap, frame: ShownFrame) => void,
- *   draw: (camera: Camera) => boolean, finish: () => void, resize: (width: number, height: number) => void,
- *   destroy: () => void}} Screen show takes the bitmap over and closes it; draw says whether it warped;
- *   finish waits until it is drawn.
+ *   paint: (bitmap: ImageBitmap, at: Corner, frame: ShownFrame) => void, draw: (camera: Camera) => boolean, finish: () => void, resize: (width: number, height: number) => void,
+ *   destroy: () => void}} Screen show takes the bitmap over and closes it; so does paint, over what is shown, which it
+ *   first scales to the size of `frame`; draw says whether it warped; finish waits until it is drawn.
+ * @typedef {{x: number, y: number}} Corner top left, in pixels of the picture
  */
 
 /** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
@@ -26,10 +27,31 @@ const CAUTIOUS_SIDE_PX = 2048;
 const YIELD_SHARE = 0.7;
 const LEAST_SIDE_PX = 512;
 
+/** @param {number[]} background red, green, blue, 0 to 1 */
+const cssOf = (background) => `rgb(${background.map((c) => Math.round(255 * c)).join(' ')})`;
+
 /** @param {string} className */
 export function makeCanvas(className) {
   const canvas = document.createElement('canvas');
   canvas.className = className;
+  return canvas;
+}
+
+/**
+ * A canvas of a frame's size with another one's picture, scaled to its height.
+ * @param {HTMLCanvasElement} source @param {ShownFrame} frame
+ */
+function scaledCanvas(source, { width, height, background }) {
+  const canvas = makeCanvas('picture plain');
+  [canvas.width, canvas.height] = [width, height];
+  const context = canvas.getContext('2d', { alpha: false });
+  if (context) {
+    context.fillStyle = cssOf(background);
+    context.fillRect(0, 0, width, height);
+    context.imageSmoothingQuality = 'high';
+    const across = source.width * height / source.height;
+    context.drawImage(source, (width - across) / 2, 0, across, height);
+  }
   return canvas;
 }
 
@@ -41,9 +63,14 @@ export function makeCanvas(className) {
 function makeBitmapScreen() {
   const canvas = makeCanvas('picture plain');
   const context = /** @type {ImageBitmapRenderingContext} */ (canvas.getContext('bitmaprenderer', { alpha: false }));
+  /**
+   * Over it, while tiles come: its picture with them.
+   * @type {HTMLCanvasElement | null}
+   */
+  let board = null;
   return {
     name: 'bitmaprenderer',
-    canvas,
+    get canvas() { return board ?? canvas; },
     isWarping: false,
     show(bitmap, shown) {
       if (canvas.width !== shown.width || canvas.height !== shown.height) {
@@ -52,6 +79,18 @@ function makeBitmapScreen() {
       }
       context.transferFromImageBitmap(bitmap);
       bitmap.close();
+      board?.remove();
+      board = null;
+    },
+    paint(bitmap, { x, y }, frame) {
+      if (board?.width !== frame.width || board.height !== frame.height) {
+        const scaled = scaledCanvas(board ?? canvas, frame);
+        board?.remove();
+        canvas.after(scaled);
+        board = scaled;
+      }
+      board.getContext('2d')?.drawImage(bitmap, x, y);
+      bitmap.close();
     },
     resize() {},
     draw: () => false,
@@ -59,6 +98,7 @@ function makeBitmapScreen() {
     destroy() {
       context.transferFromImageBitmap(null);
       canvas.remove();
+      board?.remove();
     },
   };
 }
@@ -174,11 +214,21 @@ export class Picture {
     this.frame = frame;
     this.screen.show(bitmap, frame);
     this.#sharpen();
-    const background = `rgb(${frame.background.map((c) => Math.round(255 * c)).join(' ')})`;
+    const background = cssOf(frame.background);
     if (background !== this.#background) {
       this.#background = background;
       this.#root.style.background = background;
     }
+  }
+
+  /**
+   * Paints a part of a frame over the one that is shown, whose depths and level stay.
+   * @param {ImageBitmap} bitmap closed here @param {Corner} at @param {Omit<ShownFrame, 'grid'>} frame all of it
+   */
+  paint(bitmap, at, frame) {
+    this.frame = { ...frame, grid: this.frame?.grid ?? null, drawnLevel: this.frame?.drawnLevel };
+    this.screen.paint(bitmap, at, this.frame);
+    this.#sharpen();
   }
 
   /** @param {Camera} camera @returns {boolean} whether the frame was warped */

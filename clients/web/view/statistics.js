@@ -23,7 +23,7 @@ class Samples {
 }
 
 export class Statistics {
-  counts = { framesShown: 0, exactShown: 0, framesDropped: 0, warpsDrawn: 0, bytesReceived: 0,
+  counts = { framesShown: 0, exactShown: 0, tilesShown: 0, framesDropped: 0, warpsDrawn: 0, bytesReceived: 0,
     bitmapsMade: 0, bitmapsClosed: 0, reconnects: 0, statesSent: 0 };
   latency = new Samples();
   roundTrip = new Samples();

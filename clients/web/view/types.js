@@ -14,8 +14,9 @@
  *   output, which are the view's own.
  * @typedef {Record<string, any>} DatasetJson A Dataset of proto/isoscope/v1/dataset.proto.
  * @typedef {{width: number, height: number, near: number, far: number, values: Uint16Array}} DepthGrid
+ * @typedef {{level?: number, maxSpacingPx?: number}} DrawnLevelJson
  * @typedef {{width: number, height: number, camera: Camera, grid: DepthGrid | null, isExact: boolean,
- *   background: number[]}} ShownFrame The frame on the screen.
+ *   background: number[], drawnLevel?: DrawnLevelJson}} ShownFrame The frame on the screen.
  */
 
 export {};

@@ -7,6 +7,7 @@ import { Loop } from './loop.js';
 import { boxOfDataset, framedAgain, namedCamera } from './named-views.js';
 import { Pointer } from './pointer.js';
 import { Steering } from './steering.js';
+import { levelText, pictureText } from './refinement.js';
 
 /** @typedef {import('./types.js').Vec3} Vec3 */
 /** @typedef {import('./types.js').Camera} Camera */
@@ -19,7 +20,8 @@ import { Steering } from './steering.js';
  * pixels of the picture, of the pointer, or of the middle when Enter was pressed;
  * 'status' {kind: 'connecting' | 'open' | 'closed' | 'refused', sentence}: after 'refused', for a missing or wrong
  * token, nothing is tried until `setToken`, and a listener that tells it by itself prevents the default, a notice;
- * 'notice' {sentence, isError}; 'dataset'.
+ * 'notice' {sentence, isError}; 'dataset'; 'refined' {progress, deferred}, as the members, when a tile is shown or the
+ * exact picture is deferred.
  */
 export class View extends EventTarget {
   /** @param {HTMLElement} element @param {Options} [options] */
@@ -38,6 +40,14 @@ export class View extends EventTarget {
     const steering = new Steering(model, picture,
       { moved: (time) => this.loop.change(true, time), clicked: (detail) => emit('click', detail) });
     new Pointer(root, steering, options.wheel !== 'focused');
+    const focus = (/** @type {PointerEvent} */ event) => {
+      const box = root.getBoundingClientRect();
+      const [x, y] = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+      this.loop.focus(x >= 0 && x <= 1 && y >= 0 && y <= 1 ? { x, y } : null);
+    };
+    root.addEventListener('pointermove', focus);
+    root.addEventListener('pointerdown', focus);
+    root.addEventListener('pointerleave', () => this.loop.focus(null));
     root.addEventListener('keydown', (event) => pressKey(event, steering, this));
     this.loop.start(() => options.state && this.setState(options.state));
   }
@@ -73,7 +83,7 @@ export class View extends EventTarget {
   /** Whether a frame of the current state is on the screen. */
   get isCurrent() {
     const { frames, stream } = this.loop;
-    return !stream.isDirty && frames.shownSequence === stream.sequence;
+    return !stream.isDirty && frames.shownPicture === stream.picture;
   }
 
   /** Whether the exact one is. */
@@ -84,6 +94,58 @@ export class View extends EventTarget {
   /** Whether the picture has other pixels than the screen, which scales it. */
   get isScaled() {
     return this.loop.picture.frame !== null && !this.loop.picture.isWhole;
+  }
+
+  /** The level of the picture's samples, which is 0 unless the state chooses one: 0 is exact. */
+  get level() {
+    return Number(this.loop.picture.frame?.drawnLevel?.level ?? 0);
+  }
+
+  /** The level for people: "level 2, 1 sample = 0.9 px"; '' at level 0. */
+  get levelText() {
+    return levelText(this.loop.picture.frame?.drawnLevel);
+  }
+
+  /**
+   * The tiles of the exact picture that are shown, of all; null if none come.
+   * @returns {import('./refinement.js').Progress | null}
+   */
+  get progress() {
+    return this.isCurrent ? this.loop.refinement.progressOf(this.loop.stream.picture) : null;
+  }
+
+  /**
+   * What the exact picture would cost, if it is over a limit and not drawn; else null.
+   * @returns {import('./refinement.js').Deferred | null}
+   */
+  get deferred() {
+    return this.loop.stream.isDirty ? null : this.loop.refinement.deferredOf(this.loop.stream.picture);
+  }
+
+  /**
+   * What an exact picture may cost; null: whatever it takes.
+   * @returns {import('./refinement.js').Limits}
+   */
+  get limits() {
+    return this.loop.refinement.limits;
+  }
+
+  set limits(limits) {
+    if (this.loop.refinement.setLimits(limits) && this.hasState) {
+      this.loop.askAgain();
+    }
+  }
+
+  /** Draws the exact picture of this view, whatever it costs. */
+  drawExact() {
+    this.loop.refinement.lift();
+    this.loop.askAgain();
+  }
+
+  /** What the picture is while the view rests: "exact", "exact 12 of 40", or its level; '' until something of it is shown. */
+  get pictureText() {
+    const { frame } = this.loop.picture;
+    return this.isCurrent && frame ? pictureText({ isExact: frame.isExact, drawnLevel: frame.drawnLevel, progress: this.progress }) : '';
   }
 
   /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
@@ -183,6 +245,7 @@ export class View extends EventTarget {
       ...statistics.summary(),
       isExact: this.isExact,
       isScaled: this.isScaled,
+      level: this.level,
       isConnected: connection.isOpen,
       transport: connection.name,
       renderer: picture.screen.name,

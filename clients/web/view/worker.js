@@ -2,8 +2,8 @@
 //
 // Messages to it: open {url, protocols}, send {text}, data {buffer} of another way than the socket,
 // shown {generation, frameNumber, decodeMs}, close. From it: open {generation}, closed {code, reason},
-// frame {header, bitmap, depths, ...}, dropped {sequence, bytes}, bad {sentence}, and outgoing {text}
-// for what no socket takes.
+// frame {header, bitmap, depths, ...}, which may be a tile, or an answer without a picture, dropped {sequence, bytes},
+// bad {sentence}, and outgoing {text} for what no socket takes.
 // @ts-check
 
 /**
@@ -97,34 +97,34 @@ async function decodeMessage(parse, buffer, receivedAt) {
 }
 
 /**
- * Decodes one picture at a time; one waits. A third replaces the waiting one, which `drop` gets.
- * Self-contained, as workerMain.
+ * Decodes one picture at a time; one waits, and behind it what adds to it, such as tiles. A further one replaces all
+ * that wait, which `drop` gets. Self-contained, as workerMain.
  * @param {(buffer: ArrayBuffer, receivedAt: number) => Promise<void>} decode
  * @param {(buffer: ArrayBuffer) => void} drop
+ * @param {(buffer: ArrayBuffer) => boolean} addsToPicture
  */
-function makeQueue(decode, drop) {
+function makeQueue(decode, drop, addsToPicture) {
+  const most = 64;  // servers wait for answers long before
   let isDecoding = false;
-  /** @type {{buffer: ArrayBuffer, receivedAt: number} | null} */
-  let waiting = null;
+  /** @type {{buffer: ArrayBuffer, receivedAt: number}[]} */
+  let waiting = [];
   return {
-    clear() { waiting = null; },
+    clear() { waiting = []; },
     /** @param {ArrayBuffer} buffer */
     async push(buffer) {
       const receivedAt = performance.now();
       if (isDecoding) {
-        if (waiting) {
-          drop(waiting.buffer);
-        }
-        waiting = { buffer, receivedAt };
+        const dropped = waiting.splice(0, addsToPicture(buffer) ? Math.max(0, waiting.length + 1 - most) : waiting.length);
+        waiting.push({ buffer, receivedAt });
+        dropped.forEach((one) => drop(one.buffer));
         return;
       }
       isDecoding = true;
-      /** @type {{buffer: ArrayBuffer, receivedAt: number} | null} */
+      /** @type {{buffer: ArrayBuffer, receivedAt: number} | undefined} */
       let next = { buffer, receivedAt };
       while (next) {
         await decode(next.buffer, next.receivedAt);
-        next = waiting;
-        waiting = null;
+        next = waiting.shift();
       }
       isDecoding = false;
     },
@@ -215,6 +215,13 @@ export function workerMain(scope, parse) {
       }
     } catch (error) {
       bad(String(/** @type {Error} */ (error).message));
+    }
+  }, (buffer) => {
+    try {
+      const { header } = parse(buffer);
+      return Boolean(header.tile || header.exactDeferred || header.error);
+    } catch {
+      return false;  // decoding says what is wrong
     }
   });
   const socket = makeSocket({

@@ -586,6 +586,137 @@ class PixelTest(base.PageTest):
             self.assertEqual('', self.notice())
 
 
+class RefiningTest(base.PageTest):
+    QUERY = '?theme=dark'
+    FEATURES = ['notes', 'levels', 'refinement', 'unresolved_count']
+    CHEAP = {'tiles': 12, 'bytes': 1e6, 'seconds': 0.5}
+    COSTLY = {'tiles': 12, 'bytes': 2.1e9, 'seconds': 40}
+    STATE = 'document.getElementById("state").textContent'
+
+    def refine(self, **what):
+        self.gateway.control(features=self.FEATURES, refine={**self.CHEAP, **what})
+
+    def show(self, text='exact', hash_='#dataset=ball&surface=40'):
+        self.open(hash_)
+        self.until(f'{self.STATE}.includes({text!r})')
+
+    def button(self):
+        return self.browser.find_element(By.ID, 'draw-exact')
+
+    def tile_shares(self):
+        """The share of pixels of each of the 12 tiles that are those of the server."""
+        (width, height, rows), (_, _, exact) = self.picture()[:3], self.reference()[:3]
+        shares = []
+        for index in range(12):
+            left, right = (index % 4) * width // 4, (index % 4 + 1) * width // 4
+            top, bottom = index // 4 * height // 3, (index // 4 + 1) * height // 3
+            shares.append(sum(rows[y][x] == exact[y][x] for y in range(top, bottom) for x in range(left, right))
+                          / ((right - left) * (bottom - top)))
+        return shares
+
+    def test_tiles_are_the_server_s_pixels_without_a_seam_over_the_coarse_frame_until_all_is_exact(self):
+        with size_of(self.browser, 701, 421):
+            self.refine(tiles=5)
+            self.show('exact 5 of 12')
+            self.assertEqual([1] * 5 + [0] * 7, self.tile_shares())
+            self.assertFalse(self.js('return isoscope.view.isExact'))
+            self.assertEqual({'done': 5, 'count': 12}, self.js('return isoscope.view.progress'))
+            self.refine(tiles=11)
+            self.until(f'{self.STATE} === "exact 11 of 12"')
+            self.assertEqual([1] * 11 + [0], self.tile_shares())
+            self.refine()
+            self.until('isoscope.view.isExact')
+            self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+            self.until(f'/^exact · /.test({self.STATE})')
+            stats = self.js('return isoscope.view.stats()')
+            self.assertEqual((0, 12), (stats['bitmapsOpen'], stats['tilesShown']))
+
+    def test_a_move_ends_the_tiles_of_the_view_before(self):
+        self.refine(tiles=5)
+        self.show('exact 5 of 12')
+        self.drag(80, 30)
+        self.refine()
+        self.until('isoscope.view.isExact')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_the_pointer_says_where_tiles_come_first_and_the_picture_does_not_begin_anew(self):
+        self.refine(tiles=5)
+        self.show('exact 5 of 12')
+        before = self.gateway.control()['states']
+        base.ActionChains(self.browser).move_to_element_with_offset(self.browser.find_element(By.ID, 'view'), 150, 80).perform()
+        end = time.monotonic() + base.PATIENCE_S
+        while self.gateway.control()['states'] == before and time.monotonic() < end:
+            time.sleep(0.05)
+        focus = self.gateway.control()['last']['refinement']['focus']
+        self.assertGreater(min(focus['x'], focus['y']), 0.5)
+        self.refine()
+        self.until('isoscope.view.isExact')
+        self.assertEqual(12, self.js('return isoscope.view.stats().tilesShown'), 'tiles were drawn again')
+        self.assertEqual('', self.notice())
+
+    def test_over_a_limit_the_badge_says_the_cost_and_the_button_draws_it_once(self):
+        self.refine(**self.COSTLY)
+        self.gateway.control(unresolved=37)
+        self.show('level 2, 1 sample = 0.9 px')
+        self.until('!document.getElementById("exact-offer").hidden')
+        self.assertEqual('exact: 2.1 GB, about 40 s', self.browser.find_element(By.ID, 'exact-cost').text)
+        self.until('document.getElementById("state").title === "37 blocks of the surface are not resolved at this level."')
+        self.assertEqual('', self.notice())
+        self.assertEqual({'maxExactBytes': '4000000000', 'maxExactDuration': '10.000s'},
+                         {name: value for name, value in self.gateway.control()['last']['refinement'].items() if name.startswith('max')})
+        self.button().click()
+        self.until('isoscope.view.isExact')
+        self.assertFalse(self.button().is_displayed())
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        self.drag(80, 30)
+        self.until('!document.getElementById("exact-offer").hidden')
+
+    def test_limits_are_settings_that_links_keep_where_they_are_others(self):
+        self.refine(**self.COSTLY)
+        self.show('level 2')
+        self.assertNotIn('exact-limit', self.browser.current_url)
+        field = self.browser.find_element(By.ID, 'limit-seconds')
+        field.clear()
+        field.send_keys('60', Keys.ENTER)
+        self.until('isoscope.view.isExact')
+        self.until('/exact-limit=60,4/.test(location.hash)')
+        self.show('exact ·', '#dataset=ball&surface=40&exact-limit=none,none')
+        self.assertEqual(['', ''], self.js('return ["limit-seconds", "limit-gigabytes"].map((id) => document.getElementById(id).value)'))
+
+    def test_on_a_phone_the_offer_is_within_the_picture_with_a_target_for_fingers(self):
+        with size_of(self.browser, 390, 780, 2, is_touch=True):
+            self.refine(**self.COSTLY)
+            self.show('level 2')
+            self.until('!document.getElementById("exact-offer").hidden')
+            offer, button = (self.browser.find_element(By.ID, name).rect for name in ('exact-offer', 'draw-exact'))
+            badge = self.browser.find_element(By.ID, 'state').rect
+            self.assertGreaterEqual(offer['x'], 0)
+            self.assertLessEqual(offer['x'] + offer['width'], 390)
+            self.assertGreaterEqual(button['height'], 44)
+            self.assertGreaterEqual(offer['y'], badge['y'] + badge['height'])
+
+    def test_the_menu_of_levels_is_there_with_levels_and_is_undone(self):
+        self.refine()
+        self.show('exact ·')
+        self.assertFalse(self.browser.find_element(By.ID, 'level-row').is_displayed())
+        self.gateway.control(levels=2)
+        self.show('exact ·')
+        self.assertEqual(['finest', 'spacing', '1', '2'], self.js('return [...document.getElementById("level").options].map(({ value }) => value)'))
+        choose = 'const menu = document.getElementById("level"); menu.value = arguments[0]; menu.onchange()'
+        self.js(choose, '2')
+        self.until('isoscope.view.isExact && /level=2/.test(location.hash)')
+        self.assertEqual({'level': 2}, self.gateway.control()['last']['frame']['level'])
+        self.js(choose, 'spacing')
+        self.until('isoscope.view.isExact && /max-spacing=1.1/.test(location.hash)')
+        self.js('document.getElementById("undo").click()')
+        self.until('isoscope.view.isExact && isoscope.view.state.level.level === 2')
+
+
+class SmoothRefiningTest(RefiningTest):
+    """WebGL2 by the processor: tiles are painted into its texture."""
+    QUERY = '?theme=dark&renderer=webgl2'
+
+
 class SmoothTest(PixelTest):
     """WebGL2 by the processor: the same shaders, slowly."""
     QUERY = '?theme=dark&renderer=webgl2'

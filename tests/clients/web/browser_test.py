@@ -132,7 +132,8 @@ class PageTest(unittest.TestCase):
     def setUp(self):
         self.browser.get('about:blank')
         self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, steps=6,
-                             features=['notes'], note=None, maxViewportPx=4096, mostPixels=None, hasWebp=False, hidden=None, reset=True)
+                             features=['notes'], note=None, maxViewportPx=4096, mostPixels=None, hasWebp=False, hidden=None, refine=None,
+                             levels=0, unresolved=0, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')
@@ -168,10 +169,14 @@ class PageTest(unittest.TestCase):
             return out.toDataURL('image/png');''')
         return decode_png(base64.b64decode(url.split(',')[1]))
 
+    def asked_over_http(self):
+        """The request of the picture that the view shows. A picture over HTTP has no notes and counts."""
+        return self.js('const { withNotes, withUnresolvedCount, ...state } = isoscope.view.getState(); return { ...state, '
+                       'viewport: { widthPx: isoscope.view.loop.picture.width, heightPx: isoscope.view.loop.picture.height } }')
+
     def reference(self):
         """The server's own picture of the state that the view is in."""
-        state = self.js('return {...isoscope.view.getState(), viewport: {widthPx: isoscope.view.loop.picture.width, '
-                        'heightPx: isoscope.view.loop.picture.height}}')
+        state = self.asked_over_http()
         return decode_png(self.gateway.post(f'v1/datasets/{state["dataset"]}/render', state))
 
     @staticmethod
@@ -1236,6 +1241,18 @@ class FailureTest(PageTest):
 
 class RealPageTest(PageTest):
     """The page of a real `isoscope view`, which ISOSCOPE_BIN has."""
+    FLAGS = ['--isovalue', '100']
+
+    @classmethod
+    def make_volume(cls):
+        """Returns the path of what is shown."""
+        volume = os.path.join(cls.folder, 'gyroid.nrrd')
+        cls.make('generate', 'gyroid', '--dims', '48,48,48', '--type', 'uint8', '--output', volume)
+        return volume
+
+    @classmethod
+    def make(cls, *words):
+        subprocess.run([cls.program, *words], check=True, stdout=subprocess.DEVNULL, env=cls.environment)
 
     @classmethod
     def setUpClass(cls):
@@ -1246,14 +1263,10 @@ class RealPageTest(PageTest):
         cls.program = program
         cls.folder = tempfile.mkdtemp(prefix='isoscope-page-')
         cls.environment = {**os.environ, 'XDG_CACHE_HOME': cls.folder}
-        volume = os.path.join(cls.folder, 'gyroid.nrrd')
-        subprocess.run([program, 'generate', 'gyroid', '--dims', '48,48,48', '--type', 'uint8', '--output', volume], check=True,
-                       stdout=subprocess.DEVNULL, env=cls.environment)
-        cls.server = subprocess.Popen([program, 'view', volume, '--isovalue', '100', '--no-open', '--listen', '127.0.0.1:0',
-                                       '--renderer', 'cpu'],
+        cls.volume = cls.make_volume()
+        cls.server = subprocess.Popen([program, 'view', cls.volume, *cls.FLAGS, '--no-open', '--listen', '127.0.0.1:0', '--renderer', 'cpu'],
                                       stdout=subprocess.PIPE, text=True, env=cls.environment)
         cls.page = cls.server.stdout.readline().strip()
-        cls.volume = volume
 
     @classmethod
     def tearDownClass(cls):
@@ -1437,6 +1450,157 @@ class RealTest(RealPageTest):
         self.js('isoscope.view.update({ clip: { halfSpaces: [{ normal: { x: 1 }, offset: 20 }] } })')
         self.until('isoscope.view.isExact && isoscope.view.state.clip')
         self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
+
+
+class RealRefiningTest(RealPageTest):
+    """Pictures of a dataset with levels, by one thread: they take long enough for tiles."""
+    FLAGS = ['--isovalue', '32768', '--threads', '1']
+    GLASS = {'red': 0.9, 'green': 0.5, 'blue': 0.2, 'alpha': 0.5}
+    # Keeps what is on the screen with each tile, and what came in which order.
+    RECORD = '''const { view } = isoscope; const { picture, frames } = view.loop; window.seen = []; window.copies = []; let tiles = [];
+        if (!window.paint) {
+          window.paint = picture.paint.bind(picture);
+          picture.paint = (bitmap, at, frame) => { tiles.push([at.x, at.y, bitmap.width, bitmap.height]); paint(bitmap, at, frame); };
+          view.addEventListener('frame', ({ detail: { header, isExact, width } }) => {
+            tiles = [];
+            seen.push({ what: isExact ? 'exact' : 'frame', width, level: header.frame.drawnLevel.level ?? 0, isCurrent: view.isCurrent }); });
+          view.addEventListener('refined', () => {
+            if (!view.progress) return;
+            const out = document.createElement('canvas'); out.width = picture.width; out.height = picture.height;
+            picture.screen.draw(view.camera);
+            const context = out.getContext('2d', { willReadFrequently: true }); context.drawImage(picture.screen.canvas, 0, 0);
+            copies.push({ tiles: [...tiles], data: context.getImageData(0, 0, out.width, out.height).data });
+            seen.push({ what: 'tiles', ...view.progress }); });
+        }'''
+    # Of each copy the greatest share of pixels of a tile that are not the server's, and the share of those that are elsewhere.
+    COMPARE = '''const [png, done] = arguments;
+        const blob = new Blob([Uint8Array.from(atob(png), (c) => c.charCodeAt(0))], { type: 'image/png' });
+        createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none' })
+          .then((bitmap) => {
+            const { width, height } = bitmap; const out = document.createElement('canvas'); out.width = width; out.height = height;
+            const context = out.getContext('2d'); context.drawImage(bitmap, 0, 0);
+            const exact = new Uint32Array(context.getImageData(0, 0, width, height).data.buffer);
+            done(copies.map(({ tiles, data }) => {
+              const pixels = new Uint32Array(data.buffer); const isTile = new Uint8Array(width * height); let wrong = 0;
+              for (const [x, y, across, down] of tiles) {
+                for (let j = y; j < y + down; ++j) for (let i = x; i < x + across; ++i) {
+                  isTile[j * width + i] = 1; wrong += pixels[j * width + i] === exact[j * width + i] ? 0 : 1; } }
+              let others = 0; let equal = 0;
+              isTile.forEach((one, i) => { if (!one) { ++others; equal += pixels[i] === exact[i] ? 1 : 0; } });
+              return { tiles: tiles.length, wrong, others, equal }; }));
+          });'''
+
+    @classmethod
+    def make_volume(cls):
+        volume, dataset = (os.path.join(cls.folder, name) for name in ('random.nrrd', 'random'))
+        cls.make('generate', 'random', '--dims', '128,128,128', '--output', volume)
+        cls.make('partition', volume, '--levels', '2', '--output', dataset)
+        os.remove(volume)
+        return dataset
+
+    def exact_png(self):
+        """The server's own picture of the state that the view is in."""
+        state = self.asked_over_http()
+        address = urllib.parse.urlsplit(self.page)
+        token = urllib.parse.parse_qs(address.query).get('token', [''])[0]
+        headers = {'Content-Type': 'application/json', **({'Authorization': f'Bearer {token}'} if token else {})}
+        request = urllib.request.Request(f'{address.scheme}://{address.netloc}/v1/datasets/{state["dataset"]}/render',
+                                         data=json.dumps(state).encode(), headers=headers)
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as reply:
+            return reply.read()
+
+    def show(self, query='', hash_=''):
+        self.browser.get('about:blank')
+        self.browser.get(f'{self.page}&theme=dark{query}{hash_}')
+        self.until('isoscope.view.isExact && isoscope.view.dataset?.levels && location.hash')
+
+    def look(self, isovalue, condition):
+        """Shows a surface of glass, smoothly: the picture is a costly one."""
+        self.js(self.RECORD)
+        self.js('isoscope.view.update({ samples: 16, surfaces: [{ isovalue: arguments[0], color: arguments[1] }] })', isovalue, self.GLASS)
+        self.until(condition)
+
+    def assert_exact(self):
+        self.assertEqual(1, self.share_of_equal(self.picture(), decode_png(self.exact_png())))
+
+    def test_a_costly_picture_is_coarse_then_of_tiles_without_a_seam_then_exact(self):
+        for renderer in ('bitmaprenderer', 'webgl2'):
+            with self.subTest(renderer):
+                self.show(f'&renderer={renderer}')
+                self.look(30000, 'isoscope.view.isExact && isoscope.view.state.samples')  # the server learns what one costs
+                self.look(34000, 'isoscope.view.isExact && seen.at(-1)?.what === "exact"')
+                self.assertEqual(renderer, self.js('return isoscope.view.stats().renderer'))
+                seen = self.js('return seen')
+                current = [one for one in seen if one['what'] != 'frame' or one['isCurrent']]
+                width = current[-1]['width']
+                tiles = [one for one in current if one['what'] == 'tiles']
+                coarse = current[current.index(tiles[0]) - 1]
+                self.assertEqual(('frame', width), (coarse['what'], coarse['width']), seen)
+                self.assertGreater(coarse['level'], 0)
+                self.assertEqual(['tiles'] * len(tiles) + ['exact'], [one['what'] for one in current][-len(tiles) - 1:], seen)
+                self.assertEqual(tiles[-1]['count'], tiles[-1]['done'])
+                self.assertEqual(0, current[-1]['level'])
+                compared = self.browser.execute_async_script(self.COMPARE, base64.b64encode(self.exact_png()).decode())
+                self.assertEqual([one['done'] for one in tiles], [one['tiles'] for one in compared])
+                self.assertEqual([0] * len(compared), [one['wrong'] for one in compared], 'pixels of tiles that are not the exact ones')
+                self.assertEqual(0, compared[-1]['others'], 'pixels that no tile had')
+                self.assertTrue(all(one['equal'] < one['others'] for one in compared[:-1]))
+                self.assert_exact()
+                stats = self.js('return isoscope.view.stats()')
+                self.assertEqual((0, ''), (stats['bitmapsOpen'], stats['notice']))
+
+    def test_a_move_ends_the_tiles_of_the_view_before(self):
+        self.show()
+        self.look(30000, 'isoscope.view.isExact && isoscope.view.state.samples')
+        # The tiles that are not acknowledged hold back all but three that follow.
+        self.js('''const { connection, picture } = isoscope.view.loop; const acknowledge = connection.acknowledge.bind(connection); window.held = [];
+            connection.acknowledge = (message) => message.header.tile && !window.isFree ? held.push(message) : acknowledge(message);
+            window.release = () => { window.isFree = true; held.forEach(acknowledge); };''')
+        self.look(34000, 'isoscope.view.progress?.done > 0')
+        self.assertFalse(self.js('return isoscope.view.isExact'))
+        exact = self.js('return isoscope.view.stats().exactShown')
+        self.drag(60, 20)
+        self.js('release()')
+        self.until('isoscope.view.isExact')
+        self.assertEqual(exact + 1, self.js('return isoscope.view.stats().exactShown'), 'the view before was drawn to its end')
+        self.assert_exact()
+        self.assertEqual((0, ''), tuple(self.js('const { bitmapsOpen, notice } = isoscope.view.stats(); return [bitmapsOpen, notice]')))
+
+    def test_over_a_limit_the_level_is_shown_with_the_cost_and_the_button_draws_the_exact_picture(self):
+        self.show('&max-side=420')
+        offer = '!document.getElementById("exact-offer").hidden'
+        self.js('const field = document.getElementById("limit-gigabytes"); field.value = "0.0001"; field.onchange();')
+        self.look(34000, offer)
+        self.until('/^level [12], 1 sample = [0-9.]+ px$/.test(document.getElementById("state").textContent)')
+        self.assertRegex(self.browser.find_element(By.ID, 'exact-cost').text, r'^exact: [0-9.]+ MB(, about [0-9.]+ s)?$')
+        self.until('/exact-limit=10,0.0001/.test(location.hash)')
+        self.assertFalse(self.js('return isoscope.view.isExact'))
+        self.browser.find_element(By.ID, 'draw-exact').click()
+        self.until(f'isoscope.view.isExact && !({offer})')
+        self.assert_exact()
+        self.look(35000, offer)
+        field = 'const field = document.getElementById("limit-gigabytes"); field.value = "4"; field.onchange();'
+        self.js(field)
+        self.until(f'isoscope.view.isExact && !({offer})')
+        self.assert_exact()
+
+    def test_a_level_of_the_menu_is_exact_as_such_and_undone(self):
+        self.show('&max-side=420')
+        self.assertEqual(['finest', 'spacing', '1', '2'],
+                         self.js('return [...document.getElementById("level").options].map(({ value }) => value)'))
+        choose = 'const menu = document.getElementById("level"); menu.value = arguments[0]; menu.onchange()'
+        # A view becomes an entry of undo when it has rested: the page's timer of 400 ms ends before this one.
+        self.browser.execute_async_script('setTimeout(arguments[0], 500)')
+        self.js(choose, '2')
+        self.until('isoscope.view.isExact && /level=2/.test(location.hash)')
+        self.until('/^exact at level 2, 1 sample = [0-9.]+ px · /.test(document.getElementById("state").textContent)')
+        self.assert_exact()
+        coarse = self.picture()
+        self.until('!document.getElementById("undo").disabled')
+        self.js('document.getElementById("undo").click()')
+        self.until('isoscope.view.isExact && !isoscope.view.state.level && isoscope.view.level === 0')
+        self.assert_exact()
+        self.assertLess(self.share_of_equal(coarse, self.picture()), 1)
 
 
 class WarpTest(PageTest):

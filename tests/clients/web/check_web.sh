@@ -18,7 +18,7 @@ case "${1:-}" in
     ;;
   unit)
     require node nodejs
-    node --test view_test.mjs view_state_test.mjs series_test.mjs label_sets_test.mjs undo_test.mjs values_test.mjs point_figures_test.mjs film_test.mjs
+    node --test view_test.mjs refinement_test.mjs view_state_test.mjs series_test.mjs label_sets_test.mjs undo_test.mjs values_test.mjs point_figures_test.mjs film_test.mjs
     ;;
   command)
     require node nodejs

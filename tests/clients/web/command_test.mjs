@@ -72,6 +72,8 @@ const STATES = {
   effects: { surfaces: [SURFACE], samples: 4, ambientOcclusion: { radiusPx: 32 }, silhouette: { widthPx: 2 } },
   'effects of a link': { surfaces: [SURFACE], samples: 16, ambientOcclusion: { radiusPx: 24, strength: 0.5 },
     silhouette: { widthPx: 3, color: { red: 1, green: 0, blue: 0, alpha: 1 } } },
+  'a level by the distance of its samples': { surfaces: [SURFACE], level: { maxSpacingPx: 1.1 } },
+  'the samples, by their number': { surfaces: [SURFACE], level: { level: 0 } },
   'a background': { surfaces: [SURFACE], backgroundColor: { red: 0.0431, green: 0.05, blue: 0.08, alpha: 1 } },
   'a transparent background': { surfaces: [SURFACE], backgroundColor: { red: 0, green: 0, blue: 0 } },
   'names of colours': stateFromHash('#surface=100:tomato:0.5&silhouette=2:#639&light=0,0,1:1:gold&background=#11223344').state,

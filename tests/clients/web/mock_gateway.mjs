@@ -11,7 +11,9 @@
 // `refuse`: whether new streams are refused; `features`: of /v1/capabilities | null for a gateway without it;
 // `maxViewportPx`: of /v1/capabilities; `mostPixels`: exact pictures of more are refused for memory | null;
 // `note`: of the first surface, if it is asked for | null; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
-// dataset | null; `steps`: how many the dataset flow has; `hasWebp`: whether pictures may be WebP, of one grey each; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
+// dataset | null; `steps`: how many the dataset flow has; `hasWebp`: whether pictures may be WebP, of one grey each; `refine`:
+// {tiles, bytes, seconds}: what an exact picture costs, and how many of its 12 tiles may come: the picture itself comes after the
+// last | null: pictures do not refine; `levels`: how many each dataset has; `unresolved`: blocks, of coarse pictures; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
 // states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
@@ -218,7 +220,7 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false, hidden: null };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false, hidden: null, refine: null, levels: 0, unresolved: 0 };
 const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 };
 const streams = new Set();
 
@@ -234,7 +236,87 @@ function webSocketFrame(opcode, data) {
   return Buffer.concat([header, data]);
 }
 
-function answer(stream, state, isExact) {
+const TILES = { columns: 4, rows: 3 };
+
+/** Sends a message of the gateway. */
+function sendMessage(stream, header, parts) {
+  const text = Buffer.from(JSON.stringify(header));
+  const size = Buffer.alloc(4);
+  size.writeUInt32LE(text.length, 0);
+  stream.socket.write(webSocketFrame(2, Buffer.concat([size, text, ...parts])));
+}
+
+/** Draws a tile of the exact picture: borders of the last ones are those of the picture. */
+function answerTile(stream, state, index) {
+  const { widthPx, heightPx } = state.frame.viewport;
+  stream.image ??= draw(state.frame, { width: widthPx, height: heightPx });
+  const [column, row] = [index % TILES.columns, Math.floor(index / TILES.columns)];
+  const [x, right] = [column, column + 1].map((at) => Math.floor(at * widthPx / TILES.columns));
+  const [y, bottom] = [row, row + 1].map((at) => Math.floor(at * heightPx / TILES.rows));
+  const rgb = Buffer.alloc(3 * (right - x) * (bottom - y));
+  for (let j = y; j < bottom; ++j) {
+    rgb.set(stream.image.rgb.subarray(3 * (j * widthPx + x), 3 * (j * widthPx + right)), 3 * (j - y) * (right - x));
+  }
+  const png = encodePng(right - x, bottom - y, rgb);
+  sendMessage(stream, { sequenceNumber: state.sequenceNumber, frameNumber: String(++stream.frames),
+    tile: { region: { x, y, widthPx: right - x, heightPx: bottom - y }, index, count: TILES.columns * TILES.rows,
+      extent: { widthPx, heightPx }, camera: view.cameraToJson(stream.image.camera) },
+    image: { type: 'image/png', bytes: png.length }, depthBytes: 0 }, [png]);
+}
+
+/** The next answer to a state that refines: a quick frame, a coarse one, tiles, the exact one; or that it is over a limit. */
+function refine(stream) {
+  const { newest: state, refined } = stream;
+  const { tiles, bytes, seconds } = control.refine;
+  const { maxExactBytes = Infinity, maxExactDuration = Infinity } = state.refinement;
+  const isOver = bytes > Number(maxExactBytes) || seconds > parseFloat(maxExactDuration);
+  if (!refined.isQuick) {
+    refined.isQuick = true;
+    answer(stream, state, false);
+    return 120;
+  }
+  if (!refined.isCoarse) {
+    refined.isCoarse = true;
+    answer(stream, state, false, true);
+    return 5;
+  }
+  if (isOver) {
+    const limits = `${maxExactBytes} ${maxExactDuration}`;
+    if (refined.over !== limits) {
+      refined.over = limits;
+      sendMessage(stream, { sequenceNumber: state.sequenceNumber, frameNumber: String(++stream.frames), image: { type: 'image/png', bytes: 0 },
+        exactDeferred: { expectedBytes: String(bytes), expectedDuration: `${seconds}s`, drawnLevel: { level: 2 } } }, []);
+    }
+    return null;
+  }
+  if (refined.tiles < Math.min(tiles, TILES.columns * TILES.rows)) {
+    answerTile(stream, state, refined.tiles++);
+    return 5;
+  }
+  if (tiles >= TILES.columns * TILES.rows && !refined.isExact) {
+    refined.isExact = true;
+    answer(stream, state, true);
+  }
+  return null;
+}
+
+/** Goes on with the picture of the newest state, or begins it. */
+function workRefined(stream) {
+  const words = JSON.stringify(stream.newest.frame);
+  if (stream.refined?.words !== words) {
+    stream.refined = { words, tiles: 0 };
+    stream.image = null;
+  }
+  const next = () => {
+    const delay = refine(stream);
+    if (delay !== null) {
+      stream.timer = setTimeout(next, delay);
+    }
+  };
+  stream.timer = setTimeout(next, 5);
+}
+
+function answer(stream, state, isExact, isCoarse = false) {
   const number = ++stream.frames;
   const base = { sequenceNumber: state.sequenceNumber, frameNumber: String(number) };
   let header = { ...base, error: control.fail, image: { type: 'image/png', bytes: 0 }, depthBytes: 0 };
@@ -249,8 +331,11 @@ function answer(stream, state, isExact) {
     header.error = { code: 8, message: 'the picture needs more memory than there is' };
   } else if (!control.fail) {
     const { widthPx, heightPx } = state.frame.viewport;
-    const shrink = isExact ? 1 : 2;
+    const shrink = isExact || isCoarse ? 1 : 2;
     const image = draw(state.frame, { width: Math.max(1, Math.round(widthPx / shrink)), height: Math.max(1, Math.round(heightPx / shrink)) });
+    if (isCoarse) {
+      image.rgb.forEach((value, i) => { image.rgb[i] = value ^ 8; });  // no pixel is that of the exact picture
+    }
     // As the server: only frames of a moving view have depths.
     const grid = isExact ? null : gridOf(image, 128);
     const png = encodePng(image.width, image.height, image.rgb);
@@ -261,7 +346,8 @@ function answer(stream, state, isExact) {
         ...(selection ? { selection, time: selection.timeStep / 4 } : {}),
         notes: isExact && state.frame.withNotes && control.note ? [{ message: control.note }] : undefined,
         colorings: colorBy ? [{ colorBy: { range: { max: 100 }, ...colorBy } }] : [],
-        statistics: { triangleCount: '1000', activeBlockCount: '20', visibleBlockCount: '12', culledBlockCount: '8',
+        ...(state.refinement ? { drawnLevel: isExact ? {} : { level: 2, maxSpacingPx: 0.9 } } : {}),
+        statistics: { ...(isCoarse && control.unresolved ? { unresolvedBlockCount: String(control.unresolved) } : {}), triangleCount: '1000', activeBlockCount: '20', visibleBlockCount: '12', culledBlockCount: '8',
           durations: { occluderRenderingDuration: '0.004s', encodeDuration: '0.001s' },
           agents: !isExact ? undefined : [0, 1].map((i) => ({ agentAddress: `agent-${i}:50061`, shardIndices: [i], triangleCount: '500',
             extractDuration: '0.002s', renderDuration: '0.001s', busyDuration: '0.004s' })) } },
@@ -269,10 +355,7 @@ function answer(stream, state, isExact) {
       image: { type: 'image/png', bytes: png.length }, depthBytes: grid ? 2 * grid.values.length : 0 };
     parts = grid ? [png, Buffer.from(grid.values.buffer)] : [png];
   }
-  const text = Buffer.from(JSON.stringify(header));
-  const size = Buffer.alloc(4);
-  size.writeUInt32LE(text.length, 0);
-  stream.socket.write(webSocketFrame(2, Buffer.concat([size, text, ...parts])));
+  sendMessage(stream, header, parts);
 }
 
 // Draws the newest state; the exact picture follows when none has come for 120 ms.
@@ -280,6 +363,10 @@ function work(stream) {
   clearTimeout(stream.timer);
   const state = stream.newest;
   if (!state || control.mute) {
+    return;
+  }
+  if (control.refine && state.refinement) {
+    workRefined(stream);
     return;
   }
   stream.timer = setTimeout(() => {
@@ -385,7 +472,10 @@ async function respond(request, body, reply) {
   const parts = url.pathname.split('/').slice(1).map(decodeURIComponent);
   const send = (value) => reply(200, 'application/json', JSON.stringify(value));
   const fail = (status, code, message) => reply(status, 'application/json', JSON.stringify({ code, message }));
-  const datasets = [...DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one), flow(), ORGANS];
+  const levels = Array.from({ length: control.levels }, (_, i) => ({ level: i + 1, blockCount: '8', filter: 'FILTER_MEAN',
+    geometry: { sampleDims: { x: String(101 >> i + 1), y: String(101 >> i + 1), z: String(101 >> i + 1) } } }));
+  const datasets = [...DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one), flow(), ORGANS]
+    .map((one) => levels.length > 0 ? { ...one, levels } : one);
   if (parts[0] === 'v1' && !isAdmitted(request, [])) {
     fail(401, 'UNAUTHENTICATED', 'a token is asked for here: open the address that was printed');
   } else if (url.pathname === '/control') {
@@ -442,6 +532,10 @@ async function respond(request, body, reply) {
       reply(200, 'image/webp', encodeGreyWebp(width, height, seen.webps++ % 256));
     } else if (parts[3] === 'render') {
       const frame = JSON.parse(body);
+      const refused = ['withNotes', 'withTrace', 'withUnresolvedCount', 'allowPartial'].find((option) => frame[option]);
+      if (refused) {
+        throw new Error(`${refused} is true: a picture over HTTP has none`);
+      }
       seen.renders.push(frame);
       const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
       // Of a surface that does not show, a server tells the range of all values: of positions the volume's box.

@@ -174,6 +174,28 @@ test('a colour of a link may be a name of CSS or hexadecimal digits, in any case
   assert.equal(colorFromText('transparent').alpha, 0);
 });
 
+test('a level is in a link by its number, or by the distance of its samples', () => {
+  const surfaces = [{ isovalue: 60 }];
+  for (const [level, word] of /** @type {[any, string][]} */ ([[{ level: 2 }, 'level=2'], [{ level: 0 }, 'level=0'],
+    [{ maxSpacingPx: 1.1 }, 'max-spacing=1.1']])) {
+    const hash = stateToHash({ surfaces, level });
+    assert.equal(hash, `surface=60&${word}`);
+    assert.deepEqual(stateFromHash(hash), { state: { surfaces, level }, problems: [] });
+  }
+  assert.equal(stateToHash({ surfaces }), 'surface=60');
+});
+
+test('wrong levels of a link are left out, with a sentence for each', () => {
+  const left = (/** @type {string} */ hash) => stateFromHash(hash).problems;
+  for (const word of ['level=24', 'level=-1', 'level=1.5', 'level=x', 'max-spacing=0', 'max-spacing=-2', 'max-spacing=NaN']) {
+    assert.equal(left(word).length, 1, word);
+    assert.match(left(word)[0], new RegExp(`^${word.replace('.', '\\.')} of this link was left out`));
+  }
+  const both = stateFromHash('level=1&max-spacing=2');
+  assert.deepEqual(both.state, { level: { level: 1 } });
+  assert.match(both.problems[0], /^max-spacing=2 .*another word/);
+});
+
 test('a colour of missing samples is in a link where colours show samples, and nowhere else', () => {
   const nanColor = { red: 0, green: 0.5, blue: 1, alpha: 1 };
   const byField = { quantity: 'QUANTITY_FIELD', field: 'heat' };

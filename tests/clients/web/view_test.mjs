@@ -6,6 +6,7 @@ import { test } from 'node:test';
 import * as view from '../../../clients/web/isoscope-view.js';
 import { Frames, refusalOf } from '../../../clients/web/view/frames.js';
 import { Model } from '../../../clients/web/view/model.js';
+import { levelText } from '../../../clients/web/view/refinement.js';
 import { workerSource } from '../../../clients/web/view/worker.js';
 import { draw, gridOf } from './mock_gateway.mjs';
 import { cornerDepth, warpByGrid, warpPoint } from './warp.mjs';
@@ -421,6 +422,15 @@ test('a picture that is refused twice for its memory becomes smaller; older serv
     refuse({ code: 8, message: 'never fits', reason });
     assert.equal(seen.yielded, 1);
     context.mock.timers.reset();
+  }
+});
+
+test('a picture of a level says so, and one of all samples says nothing', () => {
+  assert.equal(levelText({ level: 2, maxSpacingPx: 0.8765 }), 'level 2, 1 sample = 0.88 px');
+  assert.equal(levelText({ level: 11, maxSpacingPx: 123.4 }), 'level 11, 1 sample = 120 px');
+  assert.equal(levelText({ level: 1 }), 'level 1', 'no part of the volume is in front of the eye');
+  for (const exact of [{ maxSpacingPx: 3 }, { level: 0 }, {}, undefined]) {
+    assert.equal(levelText(exact), '');
   }
 });
 

@@ -233,6 +233,10 @@ void Run(Input input) {
         return Ask<v1::GetCellBoxRequest, v1::GetCellBoxResponse>(&Stub::GetCellBox, input.Piece(),
                                                                   has_right_dataset);
       }
+      if ((ways & 8) != 0) {
+        return Ask<v1::GetDepthBoundsRequest, v1::GetDepthBoundsResponse>(
+            &Stub::GetDepthBounds, input.Piece(), has_right_dataset);
+      }
       return Ask<v1::GetActiveBoxRequest, v1::GetActiveBoxResponse>(
           &Stub::GetActiveBox, input.Piece(), has_right_dataset);
     case 3:
@@ -267,6 +271,9 @@ std::vector<std::string> Seeds() {
   cell_box.add_shard_indices(0);
   cell_box.add_shard_indices(1);
   cell_box.add_isovalues(128);
+  v1::GetDepthBoundsRequest bounds;
+  *bounds.mutable_frame() = TheAgent().Begin(isoscope::v1::CULLING_DEPTH).begin().frame();
+  bounds.set_part_count(2);
   v1::GetGradientsRequest gradients;
   gradients.add_shard_indices(0);
   gradients.add_points()->set_x(3);
@@ -291,6 +298,7 @@ std::vector<std::string> Seeds() {
           head(1) + MakePiece(histogram.SerializeAsString()),
           head(2) + MakePiece(box.SerializeAsString()),
           std::string{2, 4} + MakePiece(cell_box.SerializeAsString()),
+          std::string{2, 8} + MakePiece(bounds.SerializeAsString()),
           head(3) + MakePiece(gradients.SerializeAsString()),
           head(3) + MakePiece(values.SerializeAsString()),
           head(3) + MakePiece(labels.SerializeAsString())};

@@ -121,6 +121,12 @@ class Cluster {
     agent_.on_cell_box = [this](const auto&, internal::GetCellBoxResponse* response) {
       return Answer(response);
     };
+    agent_.on_resolved_blocks = [this](const auto&, internal::GetResolvedBlocksResponse* response) {
+      return Answer(response);
+    };
+    agent_.on_depth_bounds = [this](const auto&, internal::GetDepthBoundsResponse* response) {
+      return Answer(response);
+    };
     agent_.Start();
     server::CoordinatorServerOptions options;
     options.agents = {{agent_.address(), nullptr}};

@@ -10,10 +10,12 @@
 
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/volume_level.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "tests/fuzz/fuzz_input.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/frame_convert.h"
 #include "wire/histogram_convert.h"
 #include "wire/known_fields.h"
@@ -50,6 +52,7 @@ void RequireFrame(const frame::FrameSpec& spec) {
       Require(std::isfinite(label), "an accepted label is finite");
     }
   }
+  Require(spec.level >= 0 && spec.level <= volume::kMaxLevel, "an accepted level may exist");
   if (spec.camera) {
     Require(wire::CameraFromProto(wire::ToProto(*spec.camera), "camera").ok(),
             "an accepted camera comes back from its message");
@@ -170,6 +173,24 @@ void ReadAnswersOfAgents(absl::string_view bytes) {
     } else if (*cells) {
       Require(!(*cells)->empty() && math::IndexBox{{0, 0, 0}, {32, 32, 32}}.Covers(**cells),
               "accepted cells lie in the volume");
+    }
+  }
+  internal::GetDepthBoundsRequest question;
+  if (Parse(bytes, &question)) {
+    const auto query = wire::DepthBoundsQueryFromProto(question);
+    if (!query.ok()) {
+      RequireRefusal(query.status());
+    } else {
+      Require(query->part_index < query->part_count && query->spec.camera.has_value(),
+              "an accepted question has a part and a camera");
+    }
+  }
+  internal::GetDepthBoundsResponse answer;
+  if (Parse(bytes, &answer)) {
+    const auto bounds = wire::DepthBoundsFromProto(answer, {4, 2});
+    if (bounds.ok()) {
+      const auto again = wire::DepthBoundsFromProto(wire::ToProto(*bounds), {4, 2});
+      Require(again.ok() && *again == *bounds, "bounds come back from their message");
     }
   }
   internal::GetActiveBoxResponse box;
@@ -347,6 +368,9 @@ std::vector<std::string> Seeds() {
   box.mutable_end_cell()->set_y(16);
   box.mutable_end_cell()->set_z(32);
   add('\4', box);
+  visibility::DepthBounds bounds(4, 2);
+  bounds.AddToRows({1, 0, 3, 2}, 0.25F, 0.5F, 0, 2);
+  add('\4', wire::ToProto(bounds));
   internal::GetGradientsResponse gradients;
   gradients.add_gradients()->set_point_index(1);
   gradients.mutable_gradients(0)->mutable_gradient()->set_x(1);

@@ -1,6 +1,7 @@
 #include "bench/frame_bench.h"
 
 #include <fstream>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -224,6 +225,51 @@ TEST(RunFrameBenchTest, RunsTakeTurnsAfterOneFrameThatDoesNotCount) {
               ElementsAre(ElementsAre(30, 31, 32, 33), ElementsAre(50, 51, 52, 53),
                           ElementsAre(70, 71, 72, 73)));
   EXPECT_THAT(result.cases[1].first.busy_ms, ElementsAre(1, 2, 3, 4));
+}
+
+TEST(RunFrameBenchTest, TheLevelIsAskedForOnlyIfItIsGiven) {
+  const auto calls_of = [](const std::optional<std::int64_t>& level,
+                           const std::optional<double>& max_spacing_px) {
+    const FakeRenderer program;
+    FrameBenchPlan plan = SomePlan(program);
+    plan.level = level;
+    plan.max_spacing_px = max_spacing_px;
+    EXPECT_THAT(RunPlan(plan), testing::IsOk());
+    return program.Calls();
+  };
+  for (const std::string& call : calls_of(std::nullopt, std::nullopt)) {
+    EXPECT_EQ(call.find("--level"), std::string::npos) << call;
+    EXPECT_EQ(call.find("--max-spacing"), std::string::npos) << call;
+  }
+  for (const std::string& call : calls_of(2, std::nullopt)) {
+    EXPECT_THAT(call, HasSubstr("--level 2"));
+  }
+  for (const std::string& call : calls_of(std::nullopt, 1.125)) {
+    EXPECT_THAT(call, HasSubstr("--max-spacing 1.125"));
+  }
+}
+
+TEST(FramesFromJsonTest, TheLevelIsThatOfTheFrameOrZero) {
+  std::string of_level = FrameJson(40, 1);
+  of_level.insert(1, R"("level":2,)");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::vector<FrameFigures> frames,
+      FramesFromJson(absl::StrCat(R"({"frames":[)", of_level, ",", FrameJson(20, 1), "]}")));
+  EXPECT_EQ(frames[0].level, 2);
+  EXPECT_EQ(frames[1].level, 0);
+}
+
+TEST(FrameBenchReportTest, LevelsHaveAColumnOnlyIfOneIsDrawn) {
+  const FakeRenderer program;
+  FrameBenchPlan plan = SomePlan(program);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(FrameBenchResult result, RunPlan(plan));
+  EXPECT_EQ(DescribeFrameBench("head", result).find("level"), std::string::npos);
+  plan.level = 3;
+  result.cases[0].following.level = 3;
+  EXPECT_THAT(DescribeFrameBench("head", result), HasSubstr("level"));
+  const auto json = nlohmann::json::parse(FrameBenchJson({}, plan, result));
+  EXPECT_EQ(json["level"], 3);
+  EXPECT_EQ(json["cases"][0]["following"]["level"], 3.0);
 }
 
 TEST(RunFrameBenchTest, AProcessThatFailsIsQuoted) {

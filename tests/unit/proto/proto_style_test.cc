@@ -207,8 +207,15 @@ TEST_F(ProtoStyleTest, FieldsCarryUnitsInTheirNames) {
     const bool is_duration = field->type() == FieldDescriptor::TYPE_MESSAGE &&
                              field->message_type()->full_name() == "google.protobuf.Duration";
     EXPECT_EQ(is_duration, absl::EndsWith(name, "_duration")) << field->full_name();
-    if (absl::EndsWith(name, "_count") || absl::EndsWith(name, "_bytes") ||
-        absl::EndsWith(name, "_px")) {
+    // A switch of what an answer has, as with_unresolved_count, is no count.
+    const bool is_switch =
+        absl::StartsWith(name, "with_") && field->type() == FieldDescriptor::TYPE_BOOL;
+    // A distance on the screen may have a fraction.
+    const bool is_distance =
+        absl::EndsWith(name, "_px") && field->type() == FieldDescriptor::TYPE_DOUBLE;
+    if (!is_switch && !is_distance &&
+        (absl::EndsWith(name, "_count") || absl::EndsWith(name, "_bytes") ||
+         absl::EndsWith(name, "_px"))) {
       EXPECT_TRUE(field->type() == FieldDescriptor::TYPE_INT64 ||
                   field->type() == FieldDescriptor::TYPE_INT32)
           << field->full_name() << ": must be a signed integer";

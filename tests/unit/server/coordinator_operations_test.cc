@@ -171,9 +171,10 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   v1::GetCapabilitiesResponse capabilities;
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
   EXPECT_THAT(capabilities.features(),
-              ElementsAre("bands", "closed_meshes", "color_ranges", "dataset_id", "draining_agents",
-                          "error_info", "fit_cells", "label_values", "labels", "nan_color", "notes",
-                          "pages", "smooth_labels"));
+              ElementsAre("bands", "closed_meshes", "color_ranges", "dataset_id", "depth_bounds",
+                          "draining_agents", "error_info", "fit_cells", "label_values", "labels",
+                          "levels", "nan_color", "notes", "pages", "refinement", "smooth_labels",
+                          "unresolved_count"));
 }
 
 TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {

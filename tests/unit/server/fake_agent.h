@@ -58,6 +58,12 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   std::function<grpc::Status(const isoscope::internal::v1::GetCellBoxRequest&,
                              isoscope::internal::v1::GetCellBoxResponse*)>
       on_cell_box;
+  std::function<grpc::Status(const isoscope::internal::v1::GetDepthBoundsRequest&,
+                             isoscope::internal::v1::GetDepthBoundsResponse*)>
+      on_depth_bounds;
+  std::function<grpc::Status(const isoscope::internal::v1::GetResolvedBlocksRequest&,
+                             isoscope::internal::v1::GetResolvedBlocksResponse*)>
+      on_resolved_blocks;
 
   // On `port`, or a free one.
   void Start(int port = 0) {
@@ -115,6 +121,16 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
                           const isoscope::internal::v1::GetCellBoxRequest* request,
                           isoscope::internal::v1::GetCellBoxResponse* response) override {
     return Answer(*request, *response, on_cell_box(*request, response), context);
+  }
+  grpc::Status GetDepthBounds(grpc::ServerContext* context,
+                              const isoscope::internal::v1::GetDepthBoundsRequest* request,
+                              isoscope::internal::v1::GetDepthBoundsResponse* response) override {
+    return Answer(*request, *response, on_depth_bounds(*request, response), context);
+  }
+  grpc::Status GetResolvedBlocks(
+      grpc::ServerContext* context, const isoscope::internal::v1::GetResolvedBlocksRequest* request,
+      isoscope::internal::v1::GetResolvedBlocksResponse* response) override {
+    return Answer(*request, *response, on_resolved_blocks(*request, response), context);
   }
 
  private:

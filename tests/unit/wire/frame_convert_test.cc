@@ -392,10 +392,11 @@ class OneChange {
 
   void Visit(frame::FrameSpec& spec) {
     auto& [surfaces, camera, viewport, region, culling, background_color, clip, caps, max_layers,
-           lights, ray_seed, nan_color, output, effects, sends_normals, sends_map_steps] = spec;
+           lights, ray_seed, nan_color, output, effects, sends_normals, sends_map_steps, level] =
+        spec;
     // Agents never get nan_color, output and effects.
     VisitAll(surfaces, camera, viewport, region, culling, background_color, background_color.a,
-             clip, caps, max_layers, lights, ray_seed, sends_normals, sends_map_steps);
+             clip, caps, max_layers, lights, ray_seed, sends_normals, sends_map_steps, level);
   }
 
  private:
@@ -609,6 +610,63 @@ TEST(FrameSpecConvertTest, HostileFramesOfACoordinatorAreNamed) {
   expect("region.width_px is 401", [](auto* bad) { bad->mutable_region()->set_width_px(401); });
   expect("max_layers is 17", [](auto* bad) { bad->set_max_layers(17); });
   expect("caps is set without clip", [](auto* bad) { bad->clear_clip(); });
+  expect("level is 24", [](auto* bad) { bad->set_level(24); });
+}
+
+// An agent of an earlier version refuses a field that it does not know.
+TEST(FrameSpecConvertTest, LevelZeroIsNotOnTheWire) {
+  isoscope::internal::v1::FrameSpec proto = ToProto(RichSpec());
+  const std::string bytes = proto.SerializeAsString();
+  proto.clear_level();
+  EXPECT_EQ(proto.SerializeAsString(), bytes);
+}
+
+TEST(LevelChoiceTest, BothChoicesArriveAndAnAbsentOneIsNone) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(AskedFrame asked, AskedFrameFromProto(request));
+  EXPECT_FALSE(asked.level.has_value());
+  for (const view::LevelChoice& choice :
+       {view::LevelChoice{.level = 0}, view::LevelChoice{.level = 23},
+        view::LevelChoice{.level = std::nullopt, .max_spacing_px = 1.1}}) {
+    *request.mutable_level() = ToProto(choice);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(asked, AskedFrameFromProto(request));
+    EXPECT_EQ(asked.level, choice);
+    EXPECT_EQ(asked.spec.level, 0);  // until the dataset is known
+  }
+}
+
+TEST(LevelChoiceTest, WrongChoicesAreNamedWithTheirValue) {
+  const auto expect = [](const char* message, const auto& spoil) {
+    isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+    spoil(request.mutable_level());
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));
+    EXPECT_THAT(AskedFrameFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));
+  };
+  expect("level chooses nothing", [](auto*) {});
+  expect("level.level is 24", [](auto* level) { level->set_level(24); });
+  expect("level.level is -1", [](auto* level) { level->set_level(-1); });
+  expect("level.max_spacing_px is 0", [](auto* level) { level->set_max_spacing_px(0); });
+  expect("level.max_spacing_px is -2", [](auto* level) { level->set_max_spacing_px(-2); });
+  expect("level.max_spacing_px is inf",
+         [](auto* level) { level->set_max_spacing_px(std::numeric_limits<double>::infinity()); });
+  expect("level.max_spacing_px is nan",
+         [](auto* level) { level->set_max_spacing_px(std::numeric_limits<double>::quiet_NaN()); });
+}
+
+TEST(ExportSpecFromProtoTest, MeasuresAreOfLevelZero) {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(1);
+  request.set_level(3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec spec, ExportSpecFromProto(request));
+  EXPECT_EQ(spec.level, 3);
+  request.set_with_measures(true);
+  EXPECT_THAT(ExportSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("level is 3")));
+  request.set_level(24);
+  EXPECT_THAT(ExportSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("0 to 23")));
 }
 
 TEST(PictureRevisionConvertTest, BothWaysGiveTheSame) {

@@ -42,6 +42,14 @@ TEST(PickSpecFromProtoTest, TheRegionIsTheSmallestAroundThePixels) {
   EXPECT_TRUE(PickSpecFromProto(pick)->asked.with_all_fields);
 }
 
+TEST(PickSpecFromProtoTest, APickIsOfLevelZero) {
+  isoscope::v1::PickSurfaceRequest pick = MakePick({{30, 7}});
+  pick.mutable_frame()->mutable_level()->set_level(3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PickSpec spec, PickSpecFromProto(pick));
+  EXPECT_FALSE(spec.asked.level.has_value());
+  EXPECT_EQ(spec.asked.spec.level, 0);
+}
+
 TEST(PickSpecFromProtoTest, APickHasNoEffects) {
   isoscope::v1::PickSurfaceRequest pick = MakePick({{30, 7}});
   pick.mutable_frame()->set_samples(16);

@@ -28,6 +28,8 @@ from isoscope.data import (
     AgentStatistics,
     Capabilities,
     CapsColoring,
+    DatasetLevel,
+    DrawnLevel,
     Field,
     FieldComponent,
     FieldValue,
@@ -52,6 +54,7 @@ _BYTES_FIELDS = ("png", "jpeg", "rgba8", *PLANES)
 _DTYPES = ("V1", "u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
 _COLUMNS = ("sample_count", "active_block_count", "active_block_bytes", "estimated_triangle_count")
 _STEPS = ("occluder_selection", "occluder_rendering", "visibility_culling", "composite", "encode")
+_FILTERS = {1: "mean", 2: "majority"}
 _METHODS: dict[int, Literal["between_classes", "one_percent"]] = {1: "between_classes", 2: "one_percent"}
 
 
@@ -106,6 +109,20 @@ def _label(proto: dataset_pb2.Label) -> Label:
     return Label(proto.value, proto.name or None, _hex_color(proto.color) if proto.HasField("color") else None)
 
 
+def _level(proto: dataset_pb2.DatasetLevel) -> DatasetLevel:
+    return DatasetLevel(
+        level=proto.level,
+        dims=_tuple3(proto.geometry.sample_dims),
+        spacing=_tuple3(proto.geometry.spacing),
+        block_count=proto.block_count,
+        filter=_FILTERS.get(int(proto.filter), "unknown"),
+    )
+
+
+def _drawn_level(proto: pb.DrawnLevel | None) -> DrawnLevel | None:
+    return None if proto is None else DrawnLevel(proto.level, proto.max_spacing_px, _tuple3(proto.spacing))
+
+
 def selection(proto: dataset_pb2.FieldSelection | None) -> dict[str, Any]:
     """Returns field, component and step of an answer; None where the dataset has none."""
     if proto is None or not proto.field:
@@ -139,6 +156,7 @@ def dataset_fields(proto: dataset_pb2.Dataset) -> dict[str, Any]:
         "time_steps": steps,
         "time_unit": proto.time_unit or None,
         "length_unit": proto.length_unit or None,
+        "levels": tuple(map(_level, proto.levels)),
     }
 
 
@@ -193,11 +211,12 @@ def statistics(proto: frame_pb2.RenderStatistics) -> Statistics:
         **_copied(
             proto, "active_block_count", "ray_hit_block_count", "visible_block_count", "culled_block_count",
             "occluding_block_count", "triangle_count", "unique_vertex_count", "read_bytes", "network_bytes",
-            "png_bytes", "truncated_pixel_count",
+            "png_bytes", "truncated_pixel_count", "level",
         ),
         missing_shards=tuple(proto.missing_shards),
         active_block_coverage=_optional(proto, "active_block_coverage"),
         band_count=max(proto.band_count, 1),
+        unresolved_block_count=_optional(proto, "unresolved_block_count"),
         durations_ms={step: _milliseconds(getattr(proto.durations, f"{step}_duration")) for step in _STEPS},
         agents=tuple(
             AgentStatistics(
@@ -291,19 +310,23 @@ class FrameParts:
     def result(self, do: Callable[[Any], Any] | None) -> Frame:
         """Returns the frame, with the request that gives it again wherever the server had moved the camera.
 
-        It also names the step that was the last one, or the nearest to a time, and the ranges that the server found.
+        It also names the step that was the last one, or the nearest to a time, the level that was drawn, and the ranges
+        that the server found.
         """
         again = pb.RenderIsosurfaceRequest()
         again.CopyFrom(self._request)
         again.camera.CopyFrom(self._rest.camera)
         again.ClearField("camera_fit")
         again.ClearField("with_notes")
+        again.ClearField("with_unresolved_count")
         _set_ranges(again, self._rest)
         notes = tuple(map(_note, self._rest.notes))
         for note in notes:
             warn_of_surface(note.message)
         if self._rest.HasField("selection"):
             again.selection.CopyFrom(self._rest.selection)
+        if self._rest.HasField("drawn_level"):
+            again.level.level = self._rest.drawn_level.level
         return Frame(
             width=self._rest.extent.width_px,
             height=self._rest.extent.height_px,
@@ -315,6 +338,7 @@ class FrameParts:
             jpeg=self._joined("jpeg") or None,
             **selection(_optional(self._rest, "selection")),
             time=_optional(self._rest, "time"),
+            level=_drawn_level(_optional(self._rest, "drawn_level")),
             _png_bytes=self._joined("png"),
             _rgba_bytes=self._joined("rgba8"),
             _planes=self._planes(),

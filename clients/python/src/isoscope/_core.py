@@ -186,11 +186,14 @@ def render(
     ambient_occlusion: AmbientOcclusion | bool = False,
     silhouette: Silhouette | bool = False,
     max_layers: int | None = None,
+    level: int | None = None,
+    max_spacing: float | None = None,
     culling: Literal["depth", "mask", "none"] = "depth",
     format: ImageFormat = "png",
     quality: int | None = None,
     planes: Sequence[PlaneName] = (),
     allow_partial: bool = False,
+    count_unresolved: bool = False,
     timeout: float | None = None,
 ) -> Call[Frame]:
     """Renders one frame.
@@ -234,12 +237,18 @@ def render(
         samples: 1, 4, 9 or 16 samples a pixel, for smooth edges; default: 4 of a first look, else 1.
         ambient_occlusion, silhouette: effects; True for their defaults.
         max_layers: translucent fragments that show in a pixel, 1 to 16; default 8.
+        level: one of `Dataset.levels`, or 0, the default: the samples, exact. A level may lack what is thinner than one
+            of its samples.
+        max_spacing: chooses the level instead: the coarsest one whose samples are at most so many pixels apart, where
+            the volume is nearest to the eye. `frame.level` says which.
         culling: "depth" and "none" give the same bytes; "mask" is approximate.
         format: "png", "jpeg", "rgba" or "none".
         quality: of a JPEG, 1 to 100.
-        planes: planes to send along: "depth", "surface_index", "position", "normal".
+        planes: planes to send along: "depth", "surface_index", "position", "normal", "depth_bounds".
         allow_partial: draw what there is if some shards are not served; `frame.stats.missing_shards`
             says what is missing. Else that is an error.
+        count_unresolved: count the blocks that a level shows nothing of, `frame.stats.unresolved_block_count`; the
+            first frame of a surface at a level waits for it.
         timeout: deadline in seconds; default: the client's.
 
     A surface that does not show, and that no other one hides, is no error: a SurfaceWarning says why.
@@ -259,8 +268,11 @@ def render(
     )  # fmt: skip
     if _request.asks_first_look(camera, view, azimuth, elevation, zoom, fit):
         _request.set_first_look(request)
+    _request.set_level(request, level, max_spacing, self._client._capabilities)
     _request.set_output(request, format, quality, planes)
     request.allow_partial = bool(allow_partial)
+    if count_unresolved:  # older servers refuse the field
+        request.with_unresolved_count = True
     _request.ask_for_notes(request, self._client._capabilities)
     return frame(_expecting(self, request), timeout)
 
@@ -364,6 +376,7 @@ def mesh(
     time: float | None = None,
     step: int | Literal["first", "last"] | None = None,
     closed: bool = False,
+    level: int = 0,
     timeout: float | None = None,
 ) -> Call[Mesh]:
     """Returns whole isosurfaces as one welded mesh in memory: 36 bytes a triangle, or so.
@@ -377,9 +390,11 @@ def mesh(
         clip: triangles are cut at its borders.
         field, component, time, step: as in `render`.
         closed: closes each surface where its solid ends: at the border of the volume and of `clip`, and at NaN.
+        level: one of `Dataset.levels`, for a coarser mesh; 0 is exact.
         timeout: deadline in seconds; default: the client's.
     """
     request = _exported(self, isovalue, surfaces, clip, field, component, time, step, labels, smooth_labels, closed)
+    _request.set_mesh_level(request, level, self._client._capabilities)
     return Call(request, _answer.MeshParts(request), timeout)
 
 

@@ -23,6 +23,25 @@ class TimeStep:
 
 
 @dataclass(frozen=True)
+class DatasetLevel:
+    """A level of a dataset: a volume with fewer samples, made from those of level 0.
+
+    Attributes:
+        level: its number, from 1; each has half the samples of the one before on each axis.
+        dims: samples along x, y, z.
+        spacing: world units between samples along x, y, z.
+        block_count: number of blocks.
+        filter: how samples were made, "mean" or "majority"; newer servers may have others.
+    """
+
+    level: int
+    dims: tuple[int, int, int]
+    spacing: Vec3
+    block_count: int
+    filter: str
+
+
+@dataclass(frozen=True)
 class FieldComponent:
     """One scalar of a field.
 
@@ -99,6 +118,7 @@ class DatasetInfo:
             of the first one, over all steps.
         time_steps: steps that are served, by time; empty if there is one step without a time.
         time_unit, length_unit: of times and of world space, such as "s" and "mm", for people; None if unknown.
+        levels: levels beside the samples, ascending; with fields, those of the first one at its last step.
     """
 
     name: str
@@ -122,6 +142,7 @@ class DatasetInfo:
     time_steps: tuple[TimeStep, ...] = ()
     time_unit: str | None = None
     length_unit: str | None = None
+    levels: tuple[DatasetLevel, ...] = ()
 
     @property
     def times(self) -> npt.NDArray[np.float64]:

@@ -67,6 +67,7 @@ PLANES: dict[str, tuple[str, int]] = {
     "surface_index": ("u1", 1),
     "position": ("<f4", 3),
     "normal": ("<f4", 3),
+    "depth_bounds": ("<f4", 2),
 }
 
 
@@ -222,6 +223,44 @@ def set_appearance(
         if effect:
             set_effect(getattr(request, name), effect, name)
     request.culling = cast(Any, choice(CULLINGS, culling, "culling"))
+
+
+def set_level(
+    request: pb.RenderIsosurfaceRequest, level: int | None, max_spacing: float | None, capabilities: Capabilities | None
+) -> None:
+    """Adds the choice of a level. Without one, a request is as it was before there were levels."""
+    if level is not None and max_spacing is not None:
+        raise InvalidArgumentError("level and max_spacing exclude each other: both choose the level")
+    if level is not None:
+        request.level.level = _level_number(level)
+    elif max_spacing is not None:
+        try:
+            request.level.max_spacing_px = float(max_spacing)
+        except (TypeError, ValueError):
+            raise InvalidArgumentError(f"max_spacing {max_spacing!r}: must be a number of pixels, above 0") from None
+    if request.HasField("level"):
+        _expect_levels(capabilities)
+
+
+def set_mesh_level(request: pb.ExportIsosurfaceRequest, level: int, capabilities: Capabilities | None) -> None:
+    """Sets the level of a mesh."""
+    request.level = _level_number(level)
+    if request.level:
+        _expect_levels(capabilities)
+
+
+def _level_number(level: int) -> int:
+    number = as_int(level, "level")
+    if number < 0:
+        raise InvalidArgumentError(f"level {level!r}: must be 0 or one of Dataset.levels")
+    return number
+
+
+def _expect_levels(capabilities: Capabilities | None) -> None:
+    if capabilities is not None and "levels" not in capabilities.features:
+        raise FailedPreconditionError(
+            f"the server, version {capabilities.version}, does not know levels: it is older than the client"
+        )
 
 
 def set_first_look(request: pb.RenderIsosurfaceRequest) -> None:

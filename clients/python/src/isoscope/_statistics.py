@@ -57,10 +57,13 @@ class Statistics:
         active_block_coverage: share of the active blocks that the picture has a chance to show; None if no shard is
             missing.
         band_count: bands that the picture was drawn in, because the whole does not fit a memory limit; 1: at once.
+        unresolved_block_count: active blocks of level 0 that the drawn level shows nothing of; no bound of what it
+            hides. None at level 0, and if it is not known (`count_unresolved`).
         durations_ms: wall time by step, milliseconds: "occluder_selection", "occluder_rendering",
             "visibility_culling", "composite", "encode".
         agents: parts of the agents.
         surfaces: by surface, in the order of the request.
+        level: whose blocks, triangles and vertices these are.
     """
 
     active_block_count: int
@@ -77,9 +80,11 @@ class Statistics:
     missing_shards: tuple[int, ...] = ()
     active_block_coverage: float | None = None
     band_count: int = 1
+    unresolved_block_count: int | None = None
     durations_ms: dict[str, float] = field(default_factory=dict)
     agents: tuple[AgentStatistics, ...] = ()
     surfaces: tuple[SurfaceStatistics, ...] = ()
+    level: int = 0
 
     @property
     def seconds(self) -> float:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from isoscope._dataset_info import DatasetInfo, Field, FieldComponent, TimeStep
+from isoscope._dataset_info import DatasetInfo, DatasetLevel, Field, FieldComponent, TimeStep
 from isoscope._mesh import Mesh
 from isoscope._statistics import AgentStatistics, Statistics, SurfaceStatistics
 from isoscope.camera import Vec3
@@ -30,6 +30,8 @@ __all__ = [
     "Capabilities",
     "CapsColoring",
     "DatasetInfo",
+    "DatasetLevel",
+    "DrawnLevel",
     "Field",
     "FieldComponent",
     "FieldValue",
@@ -186,6 +188,21 @@ class CapsColoring:
     caps: Caps
     nan_color: str
     shows_nan: bool
+
+
+@dataclass(frozen=True)
+class DrawnLevel:
+    """The level of a picture, if `render` was asked to choose one.
+
+    Attributes:
+        level: its number; 0 is exact.
+        max_spacing: pixels that its largest distance between samples covers, where the volume is nearest to the eye.
+        spacing: world units between samples along x, y, z.
+    """
+
+    level: int
+    max_spacing: float
+    spacing: Vec3
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from isoscope import _png
 from isoscope.camera import Camera
-from isoscope.data import CapsColoring, PickedPoint, Statistics, SurfaceColoring, SurfaceNote
+from isoscope.data import CapsColoring, DrawnLevel, PickedPoint, Statistics, SurfaceColoring, SurfaceNote
 from isoscope.errors import IsoscopeError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Frame", "ImageFormat", "PlaneName"]
 
 #: Planes beside the picture.
-PlaneName = Literal["depth", "surface_index", "position", "normal"]
+PlaneName = Literal["depth", "surface_index", "position", "normal", "depth_bounds"]
 #: How the picture travels: "png" and "rgba" without loss, "jpeg" with loss, "none" not at all.
 ImageFormat = Literal["png", "jpeg", "rgba", "none"]
 
@@ -57,6 +57,7 @@ class Frame:
         jpeg: the picture as JPEG; None unless asked for.
         field, component: what the surfaces are of; None if the dataset has no fields, or the field no components.
         step, time: number of the time step, and its time; None if the dataset has no times.
+        level: the level that was drawn; None if `render` was not asked to choose one: then it is 0.
     """
 
     width: int
@@ -76,6 +77,7 @@ class Frame:
     component: str | None = None
     step: int | None = None
     time: float | None = None
+    level: DrawnLevel | None = None
 
     @property
     def png(self) -> bytes:
@@ -150,6 +152,14 @@ class Frame:
     def normal(self) -> npt.NDArray[np.float32]:
         """World normal towards smaller values: float32, shape (height, width, 3); NaN: background."""
         return self._plane("normal")
+
+    @property
+    def depth_bounds(self) -> npt.NDArray[np.float32]:
+        """Nearest and farthest `depth` that the exact picture can have: float32, shape (height, width, 2).
+
+        Both are infinite where the background is proved. Elsewhere the pixel may be background, too.
+        """
+        return self._plane("depth_bounds")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -50,6 +50,9 @@ std::vector<std::string> Seeds() {
     manifest.labels = {{.value = 1, .name = "left", .color = volume::LabelColor{1, 2, 3}},
                        {.value = 2.5}};
     seeds.push_back(store::EncodeManifest(manifest));
+    manifest.levels = {
+        {.dataset_id = "ffeeddccbbaa99887766554433221100", .manifest_crc32c = 0x89abcdef}};
+    seeds.push_back(store::EncodeManifest(manifest));
   }
   return seeds;
 }

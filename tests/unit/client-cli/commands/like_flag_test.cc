@@ -45,6 +45,8 @@ TEST(LikeFlagTest, FlagsThatDecideAPixelAreRefused) {
                                              {"--samples", "4"},
                                              {"--ambient-occlusion"},
                                              {"--silhouette", "3"},
+                                             {"--level", "2"},
+                                             {"--max-spacing", "1.1"},
                                              {"--repeat", "3"},
                                              {"--fps", "3"}}) {
     std::vector<std::string> arguments{"v.nrrd", "--like", "a.png"};

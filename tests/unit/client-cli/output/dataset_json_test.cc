@@ -154,5 +154,25 @@ TEST(DescribeAgentsTest, AMessageOfSeveralAgentsStandsOnceAndLinesKeepToTheWidth
   EXPECT_EQ(std::count(full.begin(), full.end(), '\n'), 4);
 }
 
+TEST(DatasetJsonTest, LevelsOfAServerAreListed) {
+  v1::Dataset dataset;
+  dataset.set_name("head");
+  EXPECT_FALSE(DatasetToJson(dataset).contains("levels"));
+  v1::DatasetLevel* const level = dataset.add_levels();
+  level->set_level(2);
+  level->mutable_geometry()->mutable_sample_dims()->set_x(16);
+  level->mutable_geometry()->mutable_sample_dims()->set_y(15);
+  level->mutable_geometry()->mutable_sample_dims()->set_z(14);
+  level->mutable_geometry()->mutable_spacing()->set_x(4);
+  level->set_block_count(1234);
+  level->set_filter(v1::DatasetLevel::FILTER_MEAN);
+  const Json json = DatasetToJson(dataset);
+  EXPECT_EQ(json.at("levels").dump(),
+            R"([{"level":2,"sample_dims":[16,15,14],"spacing":[4.0,0.0,0.0],)"
+            R"("block_count":1234,"filter":"mean"}])");
+  EXPECT_THAT(DescribeDataset(json, 0),
+              ::testing::HasSubstr("level 2       16 x 15 x 14 samples, 1,234 blocks, mean\n"));
+}
+
 }  // namespace
 }  // namespace isoscope::cli

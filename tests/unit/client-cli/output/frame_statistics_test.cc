@@ -119,6 +119,10 @@ TEST(FrameStatisticsTest, PixelsWithTooManyLayersAreCountedWhereThereAreAny) {
   FrameRecord record;
   EXPECT_FALSE(
       Json::parse(StatisticsJson({record}))["frames"][0].contains("truncated_pixel_count"));
+  EXPECT_FALSE(
+      Json::parse(StatisticsJson({record}))["frames"][0].contains("unresolved_block_count"));
+  record.statistics.set_unresolved_block_count(0);
+  EXPECT_EQ(Json::parse(StatisticsJson({record}))["frames"][0]["unresolved_block_count"], 0);
   record.statistics.set_truncated_pixel_count(7);
   EXPECT_EQ(Json::parse(StatisticsJson({record}))["frames"][0]["truncated_pixel_count"], 7);
 }
@@ -150,6 +154,28 @@ TEST(FrameStatisticsTest, TablesShowEveryFrameAndTheLastFramesAgents) {
   const std::string two = DescribeStatistics({SampleFrame(), SampleFrame()});
   EXPECT_THAT(two, HasSubstr("\n1         41.2"));
   EXPECT_THAT(two, HasSubstr("Agents of the last frame:"));
+}
+
+TEST(FrameStatisticsTest, ALevelIsToldIfItWasChosen) {
+  FrameRecord frame = SampleFrame();
+  EXPECT_EQ(DescribeLevels({frame}), "");
+  frame.drawn_level.emplace();
+  frame.drawn_level->set_level(2);
+  frame.drawn_level->set_max_spacing_px(0.75);
+  frame.drawn_level->mutable_spacing()->set_x(4);
+  const Json json = Json::parse(StatisticsJson({frame}))["frames"][0];
+  EXPECT_EQ(json["level"], 2);
+  EXPECT_EQ(json["max_spacing_px"], 0.75);
+  EXPECT_EQ(json["spacing"], Json::parse("[4.0, 0.0, 0.0]"));
+  EXPECT_EQ(DescribeLevels({frame}), "\nDrawn from level 2, 1 sample = 0.75 px\n");
+  FrameRecord finer = frame;
+  finer.drawn_level->set_level(1);
+  EXPECT_EQ(DescribeLevels({frame, finer, frame}),
+            "\nDrawn from level 1 (1 frames), level 2 (2 frames)\n");
+  frame.statistics.set_unresolved_block_count(1200);
+  EXPECT_EQ(DescribeLevels({frame}),
+            "\nDrawn from level 2, 1 sample = 0.75 px; active blocks of level 0 that it does not "
+            "resolve: 1,200\n");
 }
 
 }  // namespace

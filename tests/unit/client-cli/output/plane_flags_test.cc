@@ -32,6 +32,11 @@ TEST(PlaneFlagsTest, FlagsBecomeOptionsOfTheRequest) {
   EXPECT_TRUE(planes.position());
   EXPECT_FALSE(planes.normal());
   EXPECT_FALSE(planes.surface_index());
+  EXPECT_FALSE(planes.depth_bounds());
+  const v1::OutputOptions bounds =
+      MakeOutputOptions({.files = {.depth_bounds = "b.npy"}}, std::nullopt);
+  EXPECT_EQ(bounds.image_format(), v1::OutputOptions::IMAGE_FORMAT_NONE);
+  EXPECT_TRUE(bounds.depth_bounds());
 }
 
 TEST(PlaneFlagsTest, QualityIsForJpegOnly) {

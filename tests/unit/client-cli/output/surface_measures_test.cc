@@ -1,5 +1,7 @@
 #include "client-cli/output/surface_measures.h"
 
+#include <algorithm>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -79,6 +81,32 @@ TEST(SurfaceMeasuresTest, SurfacesAreThoseOfTheRequestAndNamesThoseOfTheLast) {
   EXPECT_EQ(two[1].name, "lung");
   EXPECT_EQ(two[1].surface.labels(0), 2);
   EXPECT_EQ(two[1].measures.area, 2);
+}
+
+TEST(SurfaceMeasuresTest, LevelsHaveARowAndAnObjectEachWithWhatAFrameCosts) {
+  MeasuredSurface surface = Closed();
+  EXPECT_FALSE(MeasuresToJson({surface}, "").at("surfaces").at(0).contains("levels"));
+  EXPECT_EQ(LevelCostsTable({surface, Open()}), "") << "no table of titles alone";
+  surface.levels = {{.level = 0,
+                     .max_spacing_px = 0.5,
+                     .active_block_count = 54321,
+                     .visible_block_count = 6000,
+                     .triangle_count = 7654321},
+                    {.level = 1,
+                     .max_spacing_px = 1,
+                     .active_block_count = 5432,
+                     .visible_block_count = 600,
+                     .triangle_count = 76543}};
+  EXPECT_EQ(MeasuresToJson({surface}, "").at("surfaces").at(0).at("levels"), Json::parse(R"([
+    {"level": 0, "max_spacing_px": 0.5, "active_block_count": 54321,
+     "visible_block_count": 6000, "triangle_count": 7654321},
+    {"level": 1, "max_spacing_px": 1.0, "active_block_count": 5432,
+     "visible_block_count": 600, "triangle_count": 76543}])"));
+  const std::string table = LevelCostsTable({Open(), surface});
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 3) << table;
+  EXPECT_THAT(table, HasSubstr("54,321"));
+  EXPECT_THAT(table, HasSubstr("7,654,321"));
+  EXPECT_THAT(table, HasSubstr("76,543"));
 }
 
 }  // namespace

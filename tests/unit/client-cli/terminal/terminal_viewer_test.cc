@@ -58,6 +58,10 @@ TEST(FlagsOfFrameTest, NumbersAreReadAsTheSameBits) {
   labels.labels.push_back({.values = {3}, .is_smooth = true});
   EXPECT_TRUE(absl::StartsWith(FlagsOfFrame(frame, labels), "--label 3 --smooth-labels --eye "))
       << FlagsOfFrame(frame, labels);
+  frame.mutable_level()->set_max_spacing_px(1.1);
+  EXPECT_TRUE(absl::EndsWith(FlagsOfFrame(frame, labels), "--height 480 --max-spacing 1.1"));
+  frame.mutable_level()->set_level(2);
+  EXPECT_TRUE(absl::EndsWith(FlagsOfFrame(frame, labels), "--height 480 --level 2"));
   labels.isovalue = 2;
   EXPECT_TRUE(absl::StartsWith(FlagsOfFrame(frame, labels), "--isovalue 2.0 --label 3 --smooth"));
 }

@@ -113,6 +113,34 @@ TEST(BoxOfActiveCellsTest, CellsThatTouchNanOrDoNotCountAreLeftOut) {
   }
 }
 
+TEST(BoxOfActiveCellsTest, EachActiveCellIsVisitedOnceInOrder) {
+  const ScalarType type = ScalarType::kFloat32;
+  const std::string bytes = testing::SampleField(testing::RandomField(3, 12, 3), kDims, type, 1, 0);
+  const InsideRule rule = InsideRule::OfIsovalue(0.8);
+  const auto layout = volume::BlockLayout::Make(kDims, {100, 100, 100}).value();
+  std::vector<math::Index3> visited;
+  ForEachActiveCell(layout, {0, type, bytes.data()}, rule,
+                    [&](const math::Index3& cell) { visited.push_back(cell); });
+  std::vector<math::Index3> expected;
+  for (std::int64_t z = 0; z + 1 < kDims.z; ++z) {
+    for (std::int64_t y = 0; y + 1 < kDims.y; ++y) {
+      for (std::int64_t x = 0; x + 1 < kDims.x; ++x) {
+        int inside = 0;
+        for (std::int64_t k = 0; k < 8; ++k) {
+          const std::int64_t i =
+              x + (k & 1) + kDims.x * (y + (k >> 1 & 1) + kDims.y * (z + (k >> 2)));
+          inside += base::LoadLittleEndian<float>(bytes.data() + 4 * i) >= 0.8F ? 1 : 0;
+        }
+        if (inside > 0 && inside < 8) {
+          expected.push_back({x, y, z});
+        }
+      }
+    }
+  }
+  EXPECT_GT(expected.size(), 20U);
+  EXPECT_EQ(visited, expected);
+}
+
 // A cell is active exactly if the extractor gives it triangles: of a volume of one block, the vertices
 // touch the box on all sides.
 TEST(BoxOfActiveCellsTest, TheTrianglesLieInItAndTouchItsOutermostCells) {

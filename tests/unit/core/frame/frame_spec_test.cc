@@ -86,5 +86,44 @@ TEST(FrameSpecTest, MissingValuesAreGreyOrPurpleBesideAMapThatHasThisGrey) {
   EXPECT_EQ(NanColorOf(spec, ColorMap::kGrey), *spec.nan_color);
 }
 
+TEST(InStoredValuesTest, IsovaluesAndRangesOfSamplesAreScaledExactly) {
+  FrameSpec spec;
+  spec.surfaces.resize(5);
+  spec.surfaces[0].rule.isovalue = 127.3;
+  spec.surfaces[1].rule = volume::InsideRule::OfLabels({3, 7});
+  spec.surfaces[2].color_by =
+      ColorBy{.quantity = ColorBy::Quantity::kGradientMagnitude, .range = ColorRange{0.5, 3}};
+  spec.surfaces[3].color_by =
+      ColorBy{.quantity = ColorBy::Quantity::kField, .range = ColorRange{-1, 2}};
+  spec.surfaces[4].color_by =
+      ColorBy{.quantity = ColorBy::Quantity::kPositionY, .range = ColorRange{10, 20}};
+  spec.caps = ClipCaps{.map = ColorMap::kGrey, .range = ColorRange{0, 255}};
+
+  FrameSpec expected = spec;
+  expected.surfaces[0].rule.isovalue = 127.3 * 256;
+  expected.surfaces[2].color_by->range = ColorRange{128, 768};
+  expected.surfaces[3].color_by->range = ColorRange{-4, 8};
+  expected.caps->range = ColorRange{0, 65280};
+  EXPECT_EQ(InStoredValues(spec, 256, {1, 1, 1, 4, 1}), expected);
+  EXPECT_EQ(InStoredValues(spec, 1, {}), spec);
+  // It can be undone: nothing is rounded.
+  EXPECT_EQ(InStoredValues(expected, 1.0 / 256, {1, 1, 1, 0.25, 1}), spec);
+}
+
+TEST(InStoredValuesTest, TheLargestNumbersStayFiniteAndInOrder) {
+  constexpr double kLargest = std::numeric_limits<double>::max();
+  EXPECT_EQ(InStoredValues(volume::InsideRule::OfIsovalue(kLargest), 256).isovalue, kLargest);
+  EXPECT_EQ(InStoredValues(volume::InsideRule::OfIsovalue(-kLargest), 256).isovalue, -kLargest);
+  FrameSpec spec;
+  for (const ColorRange& range : {ColorRange{kLargest / 2, kLargest}, ColorRange{-kLargest, -1e307},
+                                  ColorRange{-kLargest, kLargest}}) {
+    spec.caps = ClipCaps{.map = ColorMap::kGrey, .range = range};
+    const ColorRange scaled = *InStoredValues(spec, 256, {}).caps->range;
+    EXPECT_LT(scaled.min, scaled.max);
+    EXPECT_GE(scaled.min, -kLargest);
+    EXPECT_LE(scaled.max, kLargest);
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::frame

@@ -15,8 +15,19 @@ TEST(OutputSpecTest, OnlyWhatIsSentWithoutCompressionCountsByPixel) {
                               .depth = true,
                               .surface_index = true,
                               .position = true,
-                              .normal = true}),
-            33U);
+                              .normal = true,
+                              .depth_bounds = true}),
+            41U);
+}
+
+TEST(OutputSpecTest, BoundsAloneNeedNoDrawing) {
+  EXPECT_TRUE(OutputSpec{}.is_drawn());
+  EXPECT_FALSE(OutputSpec{}.any_plane());
+  const OutputSpec bounds{.image_format = ImageFormat::kNone, .depth_bounds = true};
+  EXPECT_FALSE(bounds.is_drawn());
+  EXPECT_TRUE(bounds.any_plane());
+  EXPECT_FALSE(bounds.any_drawn_plane());
+  EXPECT_TRUE((OutputSpec{.image_format = ImageFormat::kNone, .depth = true}).is_drawn());
 }
 
 }  // namespace

@@ -39,6 +39,7 @@ class DatasetVerifierTest : public ::testing::Test {
     options.volume.block_cells = math::Index3{4, 4, 4};
     options.volume.shard_count = 2;
     options.volume.compression = compression;
+    options.volume.levels.highest = levels_;
     if (is_series) {
       ISOSCOPE_ASSERT_OK(PartitionSeries(source, options, never_).status());
     } else {
@@ -61,6 +62,7 @@ class DatasetVerifierTest : public ::testing::Test {
 
   testing::TempDir dir_;
   base::Cancellation never_;
+  int levels_ = 0;
   std::vector<std::string> damages_;
   std::int64_t last_bytes_ = 0;
 };
@@ -113,6 +115,35 @@ TEST_F(DatasetVerifierTest, AnyFlippedBitIsTold) {
     EXPECT_EQ(report.damage_count, 0);
   }
   EXPECT_EQ(file_count, 2 + 2 * 7 + 1 + 2 * (2 + 2 * 7));
+}
+
+TEST_F(DatasetVerifierTest, AnyFlippedBitAndMissingFileOfALevelIsTold) {
+  levels_ = 1;
+  Make("one", false, store::BlockEncoding::kZstd);
+  Make("flow", true);
+  int file_count = 0;
+  for (const char* name : {"one", "flow"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const VerifyReport whole, Verify(dir_.Sub(name)));
+    EXPECT_EQ(whole.damage_count, 0);
+    for (const auto& [file, bytes] : FilesBelow(dir_.Sub(name))) {
+      if (file.find("level_1/") == std::string::npos) {
+        continue;
+      }
+      ++file_count;
+      const std::string path = absl::StrCat(dir_.Sub(name), "/", file);
+      std::string damaged = bytes;
+      damaged[bytes.size() / 2] =
+          static_cast<char>(static_cast<unsigned char>(damaged[bytes.size() / 2]) ^ 0x10u);
+      testing::WriteFile(path, damaged);
+      ISOSCOPE_ASSERT_OK(Verify(dir_.Sub(name)).status());
+      EXPECT_THAT(damages_, Contains(HasSubstr(path)));
+      fs::remove(path);
+      ISOSCOPE_ASSERT_OK(Verify(dir_.Sub(name)).status());
+      EXPECT_THAT(damages_, Contains(HasSubstr("level_1"))) << path;
+      testing::WriteFile(path, bytes);
+    }
+  }
+  EXPECT_EQ(file_count, 2 * 7 + 2 * 2 * 7);
 }
 
 TEST_F(DatasetVerifierTest, AnyMissingOrShortFileIsTold) {

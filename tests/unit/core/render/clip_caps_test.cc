@@ -88,9 +88,10 @@ frame::FrameSpec CutAt(double z, double isovalue) {
 std::vector<CapFragment> PaintAll(const CapPainter& painter, const Volume& volume,
                                   int* sample_count = nullptr, const std::string& field = "") {
   std::vector<CapFragment> fragments;
+  volume::BlockSpans spans(volume.ranges);
   for (std::int64_t i = 0; i < volume.layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
-    const CapPainter::Need need = painter.NeedOf(id, volume.ranges);
+    const CapPainter::Need need = painter.NeedOf(id, &spans);
     if (need == CapPainter::Need::kNothing) {
       continue;
     }
@@ -107,7 +108,7 @@ std::vector<CapFragment> PaintAll(const CapPainter& painter, const Volume& volum
       fields[1] = {id, volume::ScalarType::kFloat32, of_field.data()};
     }
     painter.Paint(
-        id, volume.ranges, need == CapPainter::Need::kSamples ? &samples : nullptr, fields,
+        id, spans.Get(id), need == CapPainter::Need::kSamples ? &samples : nullptr, fields,
         [](int, int, float) { return false; },
         [&](const CapFragment& fragment) { fragments.push_back(fragment); });
   }
@@ -315,9 +316,10 @@ TEST(CapPainterTest, BlocksAwayFromTheCutAndOutsideNeedNothing) {
   const Volume volume = Ramp();
   const CapPainter painter(FromAbove(), volume.layout, CutAt(20.5, 3100), frame::BackEnd::kCpu,
                            nullptr);
+  volume::BlockSpans spans(volume.ranges);
   for (std::int64_t id = 0; id < volume.layout.block_count(); ++id) {
     const std::int64_t z = volume.layout.IndexOf(static_cast<volume::BlockId>(id)).z;
-    const CapPainter::Need need = painter.NeedOf(static_cast<volume::BlockId>(id), volume.ranges);
+    const CapPainter::Need need = painter.NeedOf(static_cast<volume::BlockId>(id), &spans);
     // The block behind has the surface, so a point beside a ray may be in it.
     EXPECT_EQ(need, z == 2 ? CapPainter::Need::kSamples : CapPainter::Need::kNothing) << id;
   }
@@ -335,11 +337,12 @@ TEST(CapPainterTest, WhatIsHiddenIsLeftOut) {
   const CapPainter painter(FromAbove(), volume.layout, CutAt(20.5, 1000), frame::BackEnd::kCpu,
                            nullptr);
   int count = 0;
+  volume::BlockSpans spans(volume.ranges);
   for (std::int64_t i = 0; i < volume.layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
-    if (painter.NeedOf(id, volume.ranges) == CapPainter::Need::kSpan) {
+    if (painter.NeedOf(id, &spans) == CapPainter::Need::kSpan) {
       painter.Paint(
-          id, volume.ranges, nullptr, {}, [](int x, int, float) { return x != 20; },
+          id, spans.Get(id), nullptr, {}, [](int x, int, float) { return x != 20; },
           [&](const CapFragment& fragment) {
             EXPECT_EQ(fragment.x, 20);
             ++count;

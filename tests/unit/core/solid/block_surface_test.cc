@@ -607,7 +607,8 @@ TEST(BlockSurfaceTest, OnlyBlocksWithSomethingInsideMayHaveASurface) {
                        const view::Clipper& clipper) {
     volume::RangeTable ranges(type, of.block_count());
     ranges.Set(static_cast<volume::BlockId>(block), span);
-    return MayHaveSurface(of, static_cast<volume::BlockId>(block), ranges,
+    volume::BlockSpans spans(ranges);
+    return MayHaveSurface(of, static_cast<volume::BlockId>(block), &spans,
                           volume::InsideRule::OfIsovalue(5), clipper);
   };
   constexpr auto kUint8 = volume::ScalarType::kUint8;

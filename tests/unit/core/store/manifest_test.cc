@@ -281,8 +281,90 @@ TEST(ManifestTest, LaterMembersAreIgnoredAndLaterVersionsRefused) {
       DecodeManifest(Sealed(Replaced(kText, "\"name\"", "\"later\": {\"a\": [1]}, \"name\"")), "m"),
       ::isoscope::testing::IsOk());
   EXPECT_THAT(DecodeManifest(
+                  Sealed(Replaced(kText, "\"format_version\": 1", "\"format_version\": 4")), "m"),
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       "m: format version 4, this program reads up to 3; use a newer program"));
+  EXPECT_THAT(DecodeManifest(
                   Sealed(Replaced(kText, "\"format_version\": 1", "\"format_version\": 2")), "m"),
-              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("newer program")));
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("a series")));
+}
+
+// 9 x 8 x 5 samples and one level.
+Manifest WithLevel() {
+  Manifest manifest = MakeManifest();
+  manifest.geometry.sample_dims = {9, 8, 5};
+  manifest.scalar_type = volume::ScalarType::kUint8;
+  manifest.shards = {{.block_count = 16, .block_bytes = 240, .block_index_crc32c = 0x89abcdef}};
+  manifest.levels = {{.dataset_id = std::string(32, 'a'), .manifest_crc32c = 0x01020304}};
+  return manifest;
+}
+
+std::string Unsealed(std::string text) {
+  const std::string seal = "\"crc32c\": \"";
+  text.replace(text.find(seal) + seal.size(), 8, "00000000");
+  return text;
+}
+
+TEST(ManifestTest, LevelsMakeVersion3AndKeepTheCrcThatOthersName) {
+  const Manifest manifest = WithLevel();
+  const std::string bytes = EncodeManifest(manifest);
+  EXPECT_THAT(bytes, ::testing::StartsWith("{\n  \"format\": \"isoscope-dataset\",\n"
+                                           "  \"format_version\": 3,\n  \"crc32c\": \""));
+  EXPECT_THAT(bytes, HasSubstr("\"kind\": \"volume\",\n  \"requires\": [\n    \"levels\"\n  ]"));
+  EXPECT_THAT(bytes, HasSubstr("\"value_scale\": 256.0"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded, DecodeManifest(bytes, "m"));
+  EXPECT_EQ(decoded, manifest);
+  EXPECT_EQ(decoded.Level(1).grid.sample_dims, (math::Index3{4, 4, 2}));
+  EXPECT_EQ(decoded.Level(1).type, volume::ScalarType::kUint16);
+  Manifest base = manifest;
+  base.levels.clear();
+  const std::string base_bytes = EncodeManifest(base);
+  EXPECT_THAT(base_bytes, HasSubstr("\"format_version\": 1"));
+  EXPECT_EQ(ManifestCrc32c(bytes, "m").value(), ManifestCrc32c(base_bytes, "m").value());
+  EXPECT_EQ(ManifestCrc32c(base_bytes, "m").value(), VerifySeal(base_bytes, "m").value());
+  EXPECT_NE(VerifySeal(bytes, "m").value(), VerifySeal(base_bytes, "m").value());
+  EXPECT_EQ(ComputeDatasetId(manifest), ComputeDatasetId(base));
+  std::string damaged = bytes;
+  damaged[damaged.size() / 2] ^= 1;
+  EXPECT_THAT(ManifestCrc32c(damaged, "m"), StatusIs(absl::StatusCode::kDataLoss));
+}
+
+TEST(ManifestTest, LevelsThatCannotBeAreRefused) {
+  const std::string text = Unsealed(EncodeManifest(WithLevel()));
+  ISOSCOPE_ASSERT_OK(DecodeManifest(SealJson(text), "m").status());
+  const auto refuses = [&](const char* from, const char* to, const char* what) {
+    EXPECT_THAT(DecodeManifest(SealJson(Replaced(text, from, to)), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr(what)))
+        << to;
+  };
+  refuses("\"value_scale\": 256.0", "\"value_scale\": 1.0", "value_scale 1, expected 256");
+  refuses("\"level_filter\": \"mean\"", "\"level_filter\": \"median\"", "median");
+  refuses("\"level_filter\": \"mean\"", "\"level_filter\": \"majority\"", "value_scale 256");
+  refuses("\"levels\": [", "\"levels\": [], \"x\": [", "0 levels, expected 1");
+  refuses("\"levels\": [",
+          "\"levels\": [{\"dataset_id\": \"\", \"value_scale\": 256, \"manifest_crc32c\": "
+          "\"00000001\"},",
+          "2 levels, at most 1");
+  refuses("\"dataset_id\": \"aaaa", "\"dataset_id\": \"gaaa", "level 1");
+  refuses("\"kind\"", "\"sort\"", "kind");
+  refuses("\"scalar_type\": \"uint8\"", "\"scalar_type\": \"uint16\"", "expected 1");
+  Manifest many = WithLevel();
+  many.shards.assign(16, {.block_count = 1, .block_bytes = 15, .block_index_crc32c = 1});
+  EXPECT_THAT(DecodeManifest(EncodeManifest(many), "m"),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("blocks for 16 shards")));
+}
+
+TEST(ManifestTest, WhatAReaderMustKnowIsNamed) {
+  const std::string text = Unsealed(EncodeManifest(WithLevel()));
+  EXPECT_THAT(
+      DecodeManifest(SealJson(Replaced(text, "\"levels\"\n", "\"levels\", \"parts\"\n")), "m"),
+      StatusIs(absl::StatusCode::kFailedPrecondition,
+               HasSubstr("requires \"parts\", which this program does not know")));
+  EXPECT_THAT(DecodeManifest(SealJson(Replaced(text, "\"volume\"", "\"series\"")), "m"),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("a series")));
+  EXPECT_THAT(DecodeManifest(SealJson(Replaced(text, "\"volume\"", "\"index\"")), "m"),
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       HasSubstr("kind \"index\", which this program does not know")));
 }
 
 TEST(ManifestTest, DeepNestingNeitherCrashesNorThrows) {

@@ -328,18 +328,38 @@ TEST(SeriesManifestTest, ContradictionsAreRefusedEvenWithARightSeal) {
 }
 
 TEST(SeriesManifestTest, VersionsDoNotMix) {
-  EXPECT_THAT(DecodeSeriesManifest(Sealed(Replaced(kText, "version\": 2", "version\": 3")), "m"),
+  EXPECT_THAT(DecodeSeriesManifest(Sealed(Replaced(kText, "version\": 2", "version\": 4")), "m"),
               StatusIs(absl::StatusCode::kFailedPrecondition,
-                       HasSubstr("format version 3, this program reads up to 2")));
+                       HasSubstr("format version 4, this program reads up to 3")));
   EXPECT_THAT(DecodeSeriesManifest(Sealed(Replaced(kText, "version\": 2", "version\": 1")), "m"),
-              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("expected 2")));
-  // A program that knows version 1 alone names both versions.
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("no series")));
   EXPECT_THAT(DecodeManifest(Sealed(kText), "m"),
               StatusIs(absl::StatusCode::kFailedPrecondition,
-                       "m: format version 2, this program reads up to 1; use a newer program"));
+                       "m: format version 2, a series, expected a dataset of one field and step"));
   ISOSCOPE_EXPECT_OK(
       DecodeSeriesManifest(Sealed(Replaced(kText, "\"seed\"", "\"later\": [{}], \"seed\"")), "m")
           .status());
+}
+
+TEST(SeriesManifestTest, LevelsMakeVersion3) {
+  SeriesManifest series = MakeSeries();
+  series.geometry.sample_dims = {8, 8, 8};
+  EXPECT_EQ(series.highest_level(), 0);
+  series.volumes[0].highest_level = 2;
+  series.volumes[1].highest_level = 1;
+  series.volumes[1].level_filter = volume::LevelFilter::kMajority;
+  EXPECT_EQ(series.highest_level(), 2);
+  const std::string bytes = EncodeSeriesManifest(series);
+  EXPECT_THAT(bytes, HasSubstr("\"format_version\": 3,"));
+  EXPECT_THAT(bytes, HasSubstr("\"kind\": \"series\""));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SeriesManifest decoded, DecodeSeriesManifest(bytes, "m"));
+  EXPECT_EQ(decoded, series);
+  EXPECT_THAT(DecodeManifest(bytes, "m"),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("a series")));
+  series.volumes[0].highest_level = 3;
+  EXPECT_THAT(
+      DecodeSeriesManifest(EncodeSeriesManifest(series), "m"),
+      StatusIs(absl::StatusCode::kDataLoss, HasSubstr("highest_level\" is 3: expected at most 2")));
 }
 
 class SeriesDirectoryTest : public ::testing::Test {

@@ -602,5 +602,37 @@ TEST(FootprintTest, RectanglesAreTightAwayFromTheEye) {
   }
 }
 
+// A level of the volume has the planes of level 0, so a world point has one depth on every grid.
+TEST(ViewTest, AnotherGridShowsTheSameWorld) {
+  const volume::GridGeometry geometry = MakeGeometry();
+  volume::GridGeometry coarse = geometry;
+  coarse.sample_dims = {16, 8, 12};
+  coarse.spacing = geometry.spacing * 4.0;
+  coarse.origin = math::TransformPoint(geometry.world_from_index(), {1.5, 1.5, 1.5});
+  for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+    Camera camera = MakeDefaultCamera(geometry.Bounds());
+    camera.projection = projection;
+    camera.view_height = 30;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const View view, View::Make(camera, {320, 200}, geometry, Region{10, 20, 100, 50}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View of_coarse, view.OnGrid(coarse));
+    EXPECT_EQ(of_coarse.geometry(), coarse);
+    EXPECT_EQ(of_coarse.near_distance(), view.near_distance());
+    EXPECT_EQ(of_coarse.far_distance(), view.far_distance());
+    EXPECT_EQ(of_coarse.clip_from_world(), view.clip_from_world());
+    EXPECT_EQ(of_coarse.region(), view.region());
+    for (const math::Vec3d& index : math::Box3d{{0, 0, 0}, {15, 7, 11}}.Corners()) {
+      const math::Vec3d world = math::TransformPoint(coarse.world_from_index(), index);
+      const math::Vec3d a = Ndc(of_coarse.clip_from_index(), index);
+      const math::Vec3d b = Ndc(view.clip_from_world(), world);
+      EXPECT_NEAR(math::Length(a - b), 0, 1e-9);
+    }
+    // The same grid gives the same bits.
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View again, of_coarse.OnGrid(geometry));
+    EXPECT_EQ(again.clip_from_index(), view.clip_from_index());
+    EXPECT_EQ(again.index_from_world(), view.index_from_world());
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::view

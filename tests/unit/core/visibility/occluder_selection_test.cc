@@ -3,6 +3,7 @@
 // - each ray stops at the first active block, which ExpectFirstBlocks finds by testing all blocks;
 // - rays and hits are equal bit for bit, for any vectors, shares and runs of rays;
 // - regions, small viewports, flat volumes, views that miss the volume;
+// - a tree of active blocks, whose empty cubes are crossed at once: equal hits, wherever rays go;
 // - the occluding blocks: the hits and their active neighbours.
 
 #include "core/visibility/occluder_selection.h"
@@ -18,6 +19,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -72,11 +74,16 @@ BlockSet RandomBlocks(const BlockLayout& layout, double share, std::uint64_t see
   return active;
 }
 
-// The blocks that rays [begin, end) hit, ascending.
+// The blocks that rays [begin, end) hit, ascending: by the walk from block to block, and by the one
+// that crosses empty cubes, which must find the same.
 std::vector<BlockId> HitsOf(const RaySet& rays, std::int64_t begin, std::int64_t end,
                             const BlockLayout& layout, const BlockSet& active) {
   BlockSet hits(layout.block_count());
   rays.Cast(begin, end, active, &hits);
+  const volume::BlockTree tree(layout.block_dims(), active);
+  std::vector<std::uint64_t> marks(tree.words().size());
+  rays.Cast(begin, end, tree, absl::MakeSpan(marks));
+  EXPECT_EQ(tree.IdsOf(marks), hits.Ids()) << "rays " << begin << " to " << end;
   return hits.Ids();
 }
 
@@ -565,6 +572,88 @@ TEST(RaySetTest, RaysAndHitsAreBitForBitThoseOfTheReferenceWhateverTheProcessors
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
 }
 
+// A few clusters of active blocks in a mostly empty volume, so that cubes of all sizes occur.
+BlockSet RandomClusters(const BlockLayout& layout, std::uint64_t seed) {
+  BlockSet active(layout.block_count());
+  std::uint64_t counter = 0;
+  const auto random = [&](double end) { return base::RandomUnit(seed, counter++) * end; };
+  const math::Index3& dims = layout.block_dims();
+  const auto cluster_count = static_cast<int>(random(6));
+  for (int cluster = 0; cluster < cluster_count; ++cluster) {
+    math::Vec3d center;
+    for (int axis = 0; axis < 3; ++axis) {
+      center[axis] = random(static_cast<double>(dims[axis]));
+    }
+    const double radius = random(8);
+    for (std::int64_t id = 0; id < layout.block_count(); ++id) {
+      const math::Index3 index = layout.IndexOf(static_cast<BlockId>(id));
+      const math::Vec3d offset =
+          math::Vec3d{static_cast<double>(index.x), static_cast<double>(index.y),
+                      static_cast<double>(index.z)} -
+          center;
+      if (math::Length(offset) < radius && random(1) < 0.5) {
+        active.Insert(static_cast<BlockId>(id));
+      }
+    }
+  }
+  return active;
+}
+
+TEST(RaySetTest, EmptyCubesAreCrossedAsIfBlockByBlock) {
+  std::int64_t hit_count = 0;
+  for (std::uint64_t seed = 0; seed < 150; ++seed) {
+    std::uint64_t counter = 0;
+    const auto random = [&](double begin, double end) {
+      return begin + base::RandomUnit(1000 + seed, counter++) * (end - begin);
+    };
+    math::Index3 samples;
+    math::Index3 cells;
+    for (int axis = 0; axis < 3; ++axis) {
+      cells[axis] = static_cast<std::int64_t>(random(1, 4));
+      const double most = random(0, 1) < 0.2 ? 4 : 120;
+      samples[axis] = static_cast<std::int64_t>(random(2, most));
+    }
+    view::Camera camera = view::MakeDefaultCamera(BoundsOf(samples));
+    if (seed % 4 != 0) {  // else along an axis, where many boundaries are met at once
+      view::Azimuth(random(-4, 4), &camera);
+      view::Elevation(random(-1.4, 1.4), &camera);
+      view::OrthogonalizeUp(&camera);
+    }
+    if (random(0, 1) < 0.4) {
+      camera.projection = view::Projection::kOrthographic;
+    } else if (random(0, 1) < 0.5) {  // in the volume: t begins at 0
+      camera.eye = camera.target + (camera.eye - camera.target) * random(0, 0.3);
+    }
+    const Scene scene = MakeScene(camera, samples, cells);
+    const RaySet rays(scene.view, scene.layout, seed);
+    const BlockSet active = RandomClusters(scene.layout, seed);
+    hit_count +=
+        static_cast<std::int64_t>(HitsOf(rays, 0, rays.count(), scene.layout, active).size());
+    // Few rays at a time: else hits of others hide that one went astray.
+    for (std::int64_t begin = 0; begin < rays.count(); begin += 37) {
+      HitsOf(rays, begin, std::min(begin + 3, rays.count()), scene.layout, active);
+    }
+    ASSERT_FALSE(HasFailure()) << "seed " << seed;
+  }
+  EXPECT_GT(hit_count, 1000);
+}
+
+TEST(RaySetTest, AVolumeWithManyFacesHasRaysThroughEveryFewOfThem) {
+  const auto count_of = [](const math::Index3& samples) {
+    const Scene scene = MakeScene(view::MakeDefaultCamera(BoundsOf(samples)), samples, {1, 1, 1});
+    const RaySet rays(scene.view, scene.layout, 1);
+    EXPECT_TRUE(rays.RayOf(0).has_value());
+    for (std::int64_t i = 0; i < rays.count(); i += 997) {
+      const std::optional<Ray> ray = rays.RayOf(i);
+      EXPECT_TRUE(!ray.has_value() || math::IsFinite(ray->direction));
+    }
+    return rays.count() - std::int64_t{37} * 28;
+  };
+  EXPECT_EQ(count_of({201, 201, 201}), 6 * 200 * 200);
+  EXPECT_EQ(count_of({301, 301, 301}), 6 * 150 * 150);
+  EXPECT_EQ(count_of({702, 601, 501}), 2 * (234 * 200 + 200 * 167 + 167 * 234));
+}
+
 TEST(RaySetTest, AnEdgeBetweenBlocksIsCrossedAlongTheLowerAxisFirst) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {33, 33, 33};
@@ -632,6 +721,11 @@ TEST(RaySetDeathTest, SetsOfAnotherVolumeAreRefused) {
   EXPECT_DEATH(rays.Cast(0, 1, wrong, &right), "active.words");
   EXPECT_DEATH(rays.Cast(0, 1, right, &wrong), "hits->words");
   EXPECT_DEATH(rays.Cast(0, rays.count() + 1, right, &right), "end <= count");
+  const volume::BlockTree tree({8, 8, 7}, BlockSet(8 * 8 * 7));
+  const volume::BlockTree empty(scene.layout.block_dims(), right);
+  std::vector<std::uint64_t> marks(1);
+  EXPECT_DEATH(rays.Cast(0, 1, tree, {}), "block_dims");
+  EXPECT_DEATH(rays.Cast(0, 1, empty, absl::MakeSpan(marks)), "hits.size");
 }
 
 TEST(ShareOfRaysTest, SharesFollowOneAnotherAndAreEven) {

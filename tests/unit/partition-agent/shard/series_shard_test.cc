@@ -13,8 +13,10 @@
 
 #include "core/base/cancellation.h"
 #include "core/io/atomic_file.h"
+#include "core/partition/dataset_levels.h"
 #include "core/partition/series_partitioner.h"
 #include "core/store/shard_format.h"
+#include "core/store/shard_levels.h"
 #include "partition-agent/shard_set.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -49,6 +51,14 @@ class SeriesShardTest : public ::testing::Test {
     partition::SeriesPartitionOptions options;
     options.volume.output_directory = directory();
     ISOSCOPE_ASSERT_OK(partition::AppendToSeries(source, options, never_).status());
+  }
+  void AddLevels() {
+    partition::AddLevelsOptions options;
+    options.levels.highest = 1;
+    ISOSCOPE_ASSERT_OK(partition::AddLevels(directory(), options, never_).status());
+  }
+  [[nodiscard]] std::string VolumeDirectory(const store::ScalarVolumeKey& key) const {
+    return absl::StrCat(shard_directory(0), "/", store::ScalarVolumeDirectoryName(key));
   }
   [[nodiscard]] std::string directory() const { return temp_.Sub("flow"); }
   [[nodiscard]] std::string shard_directory(int shard) const {
@@ -235,6 +245,64 @@ TEST_F(SeriesShardTest, AFolderWithTheFilesOfAnotherVolumeIsDataLoss) {
   const auto series = Open();
   EXPECT_THAT(series->OpenVolume(series->served()->volumes[0].dataset_id),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the series expects")));
+}
+
+TEST_F(SeriesShardTest, OpensTheLevelThatIsAskedForUnderANumberOfItsOwn) {
+  AddLevels();
+  const auto series = Open();
+  const auto served = series->served();
+  ASSERT_EQ(served->levels.size(), served->volumes.size());
+  EXPECT_EQ(served->levels[0], std::vector<int>{1});
+  const std::string id = served->volumes[0].dataset_id;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto level, series->OpenVolume(id, SeriesShard::Opening::kForFrame, /*level=*/1));
+  EXPECT_EQ(level->reader->manifest().geometry.sample_dims, (math::Index3{6, 5, 4}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto whole, series->OpenVolume(id));
+  EXPECT_EQ(whole->reader->manifest().geometry.sample_dims, (math::Index3{13, 11, 9}));
+  EXPECT_NE(level->number, whole->number) << "caches would mix up their blocks";
+  EXPECT_THAT(series->OpenVolume(id, SeriesShard::Opening::kForFrame, /*level=*/2),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("no level 2")));
+}
+
+TEST_F(SeriesShardTest, LevelsThatComeWhileAVolumeIsOpenAreOpenedToo) {
+  const auto series = Open();
+  const std::string id = series->served()->volumes[0].dataset_id;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto whole, series->OpenVolume(id));
+  AddLevels();
+  series->Refresh();
+  EXPECT_EQ(series->served()->levels[0], std::vector<int>{1});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto means, series->OpenVolume(id, SeriesShard::Opening::kForFrame, /*level=*/1));
+  EXPECT_EQ(means->reader->manifest().geometry.sample_dims, (math::Index3{6, 5, 4}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto again, series->OpenVolume(id));
+  EXPECT_EQ(again, whole) << "level 0 is as it was";
+  ISOSCOPE_ASSERT_OK(partition::DropLevels(directory(), never_));
+  series->Refresh();
+  EXPECT_THAT(series->served()->levels[0], ::testing::IsEmpty());
+}
+
+TEST_F(SeriesShardTest, ALevelWhoseFolderIsNotThereYetIsServedOnceItIs) {
+  AddLevels();
+  const std::string folder = store::LevelDirectory(VolumeDirectory({.field = 0, .step = 1}), 1);
+  std::filesystem::rename(folder, temp_.Sub("aside"));
+  const auto series = Open();
+  const std::string id = series->IdOf({.field = 0, .step = 1});
+  const auto levels_of = [&] {
+    const auto served = series->served();
+    for (std::size_t i = 0; i < served->volumes.size(); ++i) {
+      if (served->volumes[i].dataset_id == id) {
+        return served->levels[i];
+      }
+    }
+    return std::vector<int>{-1};
+  };
+  EXPECT_THAT(levels_of(), ::testing::IsEmpty());
+  EXPECT_THAT(series->OpenVolume(id, SeriesShard::Opening::kForFrame, /*level=*/1),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("lacks level 1")));
+  std::filesystem::rename(temp_.Sub("aside"), folder);
+  series->Refresh();
+  EXPECT_EQ(levels_of(), std::vector<int>{1});
+  ISOSCOPE_EXPECT_OK(series->OpenVolume(id, SeriesShard::Opening::kForFrame, /*level=*/1).status());
 }
 
 TEST_F(SeriesShardTest, TheSetOfAnAgentFindsTheShardsOfOneVolume) {

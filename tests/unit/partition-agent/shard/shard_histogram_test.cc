@@ -141,6 +141,10 @@ TEST(ActiveBoxTest, IsTheUnionOfTheActiveBlocksOfAllIsovalues) {
       if (count > 0) {
         EXPECT_EQ(box.cells, expected);
       }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ActiveBox by_tree,
+                                    ActiveBoxOf(*shard->reader, rules, {}, 0));
+      EXPECT_EQ(by_tree.block_count, box.block_count);
+      EXPECT_EQ(by_tree.cells, box.cells);
     }
   }
 }
@@ -150,9 +154,18 @@ TEST(ActiveBoxTest, BlocksOutsideOfTheClipRegionAreLeftOut) {
   const auto shards = dataset.OpenShards();
   const volume::RangeTable& ranges = shards.front()->reader->ranges();
   const ActiveBox all = ActiveBoxOf(dataset.layout(), ranges, {{.isovalue = 128}});
+  const std::int64_t layout_count = dataset.layout().block_count();
   const auto box_of = [&](const view::ClipRegion& clip) {
-    return ActiveBoxOf(dataset.layout(), ranges, {{.isovalue = 128}},
-                       view::Clipper(clip, dataset.geometry()));
+    const view::Clipper clipper(clip, dataset.geometry());
+    const ActiveBox box = ActiveBoxOf(dataset.layout(), ranges, {{.isovalue = 128}}, clipper);
+    for (const std::int64_t max_dense_blocks : {std::int64_t{0}, layout_count}) {
+      const auto same =
+          ActiveBoxOf(*shards.front()->reader, {{.isovalue = 128}}, clipper, max_dense_blocks);
+      ISOSCOPE_EXPECT_OK(same);
+      EXPECT_EQ(same->block_count, box.block_count);
+      EXPECT_EQ(same->cells, box.cells);
+    }
+    return box;
   };
   // Blocks of 8 cells: those that reach x = 20 and z = 15.
   const ActiveBox some =

@@ -41,6 +41,8 @@ TEST(CoordinatorMemoryTest, AFramesBytesGrowWithPixelsAndWhatIsAskedFor) {
   spec.output.depth = true;
   EXPECT_EQ(FrameBytes(spec, Delivery::kWhole), png + 8 * kMiB);
   EXPECT_EQ(FrameBytes(spec, Delivery::kParts), png + 4 * kMiB);
+  spec.output.depth_bounds = true;
+  EXPECT_EQ(FrameBytes(spec, Delivery::kWhole), png + 24 * kMiB);
   spec.output = {.image_format = frame::ImageFormat::kNone, .surface_index = true};
   EXPECT_EQ(FrameBytes(spec, Delivery::kParts), 28 * kMiB);
   // The picture counts, not the viewport that it is a part of.
@@ -420,6 +422,7 @@ TEST(CoordinatorMemoryTest, AFrameThatFitsAtOnceIsDrawnInBandsWithinWhatItHasTak
         spec.output.depth = has_planes;
         spec.output.position = has_planes;
         spec.output.normal = has_planes;
+        spec.output.depth_bounds = has_planes;
         const FrameWish wish{.delivery = delivery, .may_band = true};
         std::size_t taken = 0;
         {
@@ -439,6 +442,15 @@ TEST(CoordinatorMemoryTest, AFrameThatFitsAtOnceIsDrawnInBandsWithinWhatItHasTak
       }
     }
   }
+}
+
+// Agents are asked for bounds when the bands are joined.
+TEST(CoordinatorMemoryTest, AnswersOfBoundsCountOnceTheBandsAreGone) {
+  frame::FrameSpec spec = SpecOf(4096, 4096);
+  spec.output = {.image_format = frame::ImageFormat::kNone, .depth_bounds = true};
+  const BandedBytes bytes = BandedBytesOf(spec, {64, 64}, Delivery::kParts);
+  EXPECT_EQ(bytes.kept, (128 + 1) * kMiB);
+  EXPECT_EQ(bytes.encode, (128 + 12 + 1) * kMiB);
 }
 
 TEST(CoordinatorMemoryTest, ATraceCountsAndTheSmallestLimitTakesOneOfACommonFrame) {
@@ -501,6 +513,21 @@ TEST(CoordinatorMemoryTest, ExportsWaitForOneAnother) {
   std::thread waiting([&] { ISOSCOPE_EXPECT_OK(memory.ReserveExport(80, never)); });
   first.ShrinkTo(0);
   waiting.join();
+}
+
+// Views keep pixels between tiles while they wait for frames: nobody may wait for those.
+TEST(CoordinatorMemoryTest, PixelsOfTilesHaveAShareOfTheirOwnAndNeverWait) {
+  CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
+  EXPECT_GE(memory.tiles_bytes(), std::size_t{1024} * 1024 * 4) << "a view of 1024 x 1024 pixels";
+  EXPECT_GT(memory.unused_image_bytes(), std::size_t{0});
+  {
+    const auto all = memory.TryKeepTiles(memory.tiles_bytes());
+    EXPECT_TRUE(all.has_value());
+    EXPECT_EQ(memory.frame_bytes(), std::size_t{0});
+    EXPECT_FALSE(memory.TryKeepTiles(1).has_value());
+  }
+  EXPECT_FALSE(memory.TryKeepTiles(memory.tiles_bytes() + 1).has_value());
+  EXPECT_TRUE(memory.TryKeepTiles(memory.tiles_bytes()).has_value());
 }
 
 }  // namespace

@@ -399,5 +399,42 @@ TEST(SeriesStateTest, VolumesOfNoFieldOrStepAreRefused) {
   }
 }
 
+// Levels are those of the drawn volume, if the volumes that colour its surfaces have them, too.
+TEST(SeriesStateTest, AFrameHasTheLevelsThatAllOfItsVolumesHave) {
+  const auto with_levels = [](internal::ShardDescription shard) {
+    for (internal::VolumeDescription& volume : *shard.mutable_volumes()) {
+      volume.mutable_levels()->set_filter(v1::DatasetLevel::FILTER_MEAN);
+      volume.mutable_levels()->add_levels(1);
+      if (volume.field_index() == 0) {
+        volume.mutable_levels()->add_levels(2);
+      }
+    }
+    return shard;
+  };
+  const auto flow = Flow({Agent("a:1", {with_levels(Shard(0, {0, 1}))}),
+                          Agent("b:1", {with_levels(Shard(1, {0, 1}))})});
+  const auto levels_of = [](const SelectedVolume& selected) {
+    std::vector<int> levels;
+    for (const ServedLevel& level : selected.dataset->levels) {
+      levels.push_back(level.level);
+    }
+    return levels;
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume pressure,
+                                Select(flow, "field: \"pressure\" time_step: 1"));
+  EXPECT_THAT(levels_of(pressure), ElementsAre(1, 2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume velocity, Select(flow, "field: \"velocity\""));
+  EXPECT_THAT(levels_of(velocity), ElementsAre(1));
+  std::vector<frame::Surface> surfaces(1);
+  surfaces[0].color_by = frame::ColorBy{
+      .quantity = frame::ColorBy::Quantity::kField, .field = "velocity", .component = "magnitude"};
+  const v1::FieldSelection selection = Selection("field: \"pressure\"");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SelectedVolume colored,
+                                SelectVolume(flow, &selection, &surfaces));
+  EXPECT_THAT(levels_of(colored), ElementsAre(1));
+  ASSERT_EQ(flow->dataset.levels_size(), 2);  // of the default field
+  EXPECT_EQ(flow->dataset.levels(1).level(), 2);
+}
+
 }  // namespace
 }  // namespace isoscope::server

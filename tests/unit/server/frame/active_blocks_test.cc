@@ -1,5 +1,6 @@
 #include "server/frame/active_blocks.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -23,24 +24,46 @@ using ::testing::ElementsAre;
 using ShardsByAgent = std::vector<std::vector<int>>;
 
 std::string KeyOf(const std::string& id, const ShardsByAgent& shards, double isovalue) {
-  return ActiveBlocksCache::KeyOf(id, shards, {{.isovalue = isovalue}});
+  return ActiveBlocksCache::KeyOf(id, /*level=*/0, shards, {{.isovalue = isovalue}});
+}
+
+// A row of blocks.
+volume::BlockLayout LayoutOf(std::int64_t block_count) {
+  return *volume::BlockLayout::Make({block_count + 1, 2, 2}, {1, 1, 1});
 }
 
 // The first `count` blocks of a small volume, all of one agent.
 std::shared_ptr<const ActiveBlocks> Blocks(std::size_t count) {
   std::vector<volume::BlockId> ids(count);
   std::iota(ids.begin(), ids.end(), 0U);
-  return std::make_shared<const ActiveBlocks>(std::vector<std::vector<volume::BlockId>>{ids},
-                                              static_cast<std::int64_t>(count));
+  return std::make_shared<const ActiveBlocks>(
+      std::vector<std::vector<volume::BlockId>>{ids},
+      LayoutOf(std::max<std::int64_t>(1, static_cast<std::int64_t>(count))));
 }
 
 constexpr std::size_t kBlockBytes = sizeof(volume::BlockId);
 
 TEST(ActiveBlocksTest, AgentsFollowOneAnotherAndTheSetHasAll) {
-  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, 10);
+  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, LayoutOf(10));
   EXPECT_THAT(active.ids, ElementsAre(1, 4, 0, 9));
   EXPECT_THAT(active.begin_by_agent, ElementsAre(0, 2, 2, 4));
   EXPECT_THAT(active.set.Ids(), ElementsAre(0, 1, 4, 9));
+}
+
+TEST(ActiveBlocksTest, ALargeVolumeHasATreeOfTheSameBlocks) {
+  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, LayoutOf(10), /*max_dense_blocks=*/9);
+  EXPECT_THAT(active.ids, ElementsAre(1, 4, 0, 9));
+  EXPECT_THAT(active.begin_by_agent, ElementsAre(0, 2, 2, 4));
+  ASSERT_NE(active.tree, nullptr);
+  EXPECT_THAT(active.tree->blocks.Ids(), ElementsAre(0, 1, 4, 9));
+  // Blocks that are not active are left out.
+  const std::vector<std::uint64_t> marks = active.tree->MarksOf({4, 3, 9, 7, 4});
+  std::vector<bool> is_marked;
+  for (std::size_t i = 0; i < active.ids.size(); ++i) {
+    is_marked.push_back(active.tree->IsMarked(marks, i));
+  }
+  EXPECT_THAT(is_marked, ElementsAre(false, true, false, true));
+  EXPECT_EQ(ActiveBlocks({{1}}, LayoutOf(10), /*max_dense_blocks=*/10).tree, nullptr);
 }
 
 TEST(ActiveBlocksCacheTest, EverythingThatDecidesTheListsIsInTheKey) {
@@ -61,6 +84,7 @@ TEST(ActiveBlocksCacheTest, EverythingThatDecidesTheListsIsInTheKey) {
       KeyOf("a", {{0, 1}, {2}}, 1),
       KeyOf("a", {{0}, {12}}, 1),
       KeyOf("a", {{0, 11}}, 1),
+      ActiveBlocksCache::KeyOf("a", /*level=*/1, {{0}, {1}}, {{.isovalue = 1}}),
   };
   EXPECT_EQ(std::set<std::string>(keys.begin(), keys.end()).size(), keys.size());
   EXPECT_EQ(KeyOf("a", {{0}, {1}}, 1), keys.front());
@@ -82,11 +106,11 @@ TEST(ActiveBlocksCacheTest, LabelsOfEachSurfaceAreInTheKey) {
   };
   std::set<std::string> keys;
   for (const std::vector<InsideRule>& rules : surfaces) {
-    keys.insert(ActiveBlocksCache::KeyOf("a", {{0}}, rules));
+    keys.insert(ActiveBlocksCache::KeyOf("a", 0, {{0}}, rules));
   }
   EXPECT_EQ(keys.size(), surfaces.size());
-  EXPECT_EQ(ActiveBlocksCache::KeyOf("a", {{0}}, {InsideRule::OfLabels({2, 1, 2})}),
-            ActiveBlocksCache::KeyOf("a", {{0}}, {InsideRule::OfLabels({1, 2})}));
+  EXPECT_EQ(ActiveBlocksCache::KeyOf("a", 0, {{0}}, {InsideRule::OfLabels({2, 1, 2})}),
+            ActiveBlocksCache::KeyOf("a", 0, {{0}}, {InsideRule::OfLabels({1, 2})}));
 }
 
 TEST(ActiveBlocksCacheTest, FindsWhatWasInsertedAndNothingElse) {

@@ -3,14 +3,20 @@
 #include "server/frame/agent_queries.h"
 
 #include <atomic>
+#include <cmath>
+#include <functional>
 #include <string>
+#include <vector>
 
 #include "gtest/gtest.h"
 
+#include "core/base/coding.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/view/camera_fit.h"
+#include "core/visibility/depth_bounds.h"
 #include "tests/unit/server/fake_cluster.h"
+#include "wire/depth_bounds_convert.h"
 #include "wire/first_look.h"
 #include "wire/proto_convert.h"
 
@@ -449,6 +455,215 @@ TEST_F(CellBoxQueriesTest, ABoxOutsideOfTheVolumeIsAnInternalError) {
   EXPECT_THAT(RenderedCamera(Request()),
               StatusIs(absl::StatusCode::kInternal,
                        AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
+}
+
+class DepthBoundsQueriesTest : public AgentQueriesTest {
+ protected:
+  DepthBoundsQueriesTest() {
+    for (const int i : {0, 1}) {
+      (i == 0 ? first_ : second_).on_depth_bounds =
+          [this, i](const internal::GetDepthBoundsRequest& asked, auto* response) {
+            const base::MutexLock lock(&mutex_);
+            asked_.push_back(asked);
+            if (fails_[i]) {
+              return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+            }
+            visibility::DepthBounds bounds(8, asked.frame().region().height_px());
+            // Part 0 has the first column, nearer than part 1, which has two.
+            const bool is_first = asked.part_index() == 0;
+            bounds.AddToRows({0, 0, is_first ? 1 : 2, 8}, is_first ? 0.25F : 0.5F, 0.75F, 0,
+                             bounds.height_px());
+            *response = wire::ToProto(bounds);
+            change_(response);
+            return grpc::Status::OK;
+          };
+    }
+  }
+  static v1::RenderIsosurfaceRequest Request() {
+    v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
+    request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_NONE);
+    request.mutable_output()->set_depth_bounds(true);
+    return request;
+  }
+
+  base::Mutex mutex_;
+  std::vector<internal::GetDepthBoundsRequest> asked_;
+  std::atomic<bool> fails_[2] = {false, false};
+  std::function<void(internal::GetDepthBoundsResponse*)> change_ = [](auto*) {};
+};
+
+TEST_F(DepthBoundsQueriesTest, ThePlaneIsTheLeastAndTheGreatestOfAllPartsAndNothingIsDrawn) {
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
+      ADD_FAILURE() << "nothing needs to be drawn";
+      return grpc::Status::CANCELLED;
+    };
+  }
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
+  EXPECT_EQ(asked_.size(), 2U);
+  for (const internal::GetDepthBoundsRequest& asked : asked_) {
+    EXPECT_EQ(asked.part_count(), 2);
+    EXPECT_TRUE(asked.frame().has_camera());
+    EXPECT_EQ(asked.frame().surfaces_size(), 1);
+  }
+  EXPECT_NE(asked_[0].part_index(), asked_[1].part_index());
+  const std::string& plane = response.depth_bounds();
+  ASSERT_EQ(plane.size(), std::size_t{8} * 8 * 8);
+  const auto at = [&](std::size_t pixel, std::size_t channel) {
+    return base::LoadLittleEndian<float>(plane.data() + 4 * (2 * pixel + channel));
+  };
+  for (std::size_t pixel = 0; pixel < 64; ++pixel) {
+    if (pixel % 8 >= 2) {
+      EXPECT_EQ(at(pixel, 0), INFINITY);
+      EXPECT_EQ(at(pixel, 1), INFINITY);
+    } else {
+      EXPECT_EQ(at(pixel, 1), at(0, 1));
+      EXPECT_LT(at(pixel, 0), at(pixel, 1));
+    }
+  }
+  EXPECT_LT(at(0, 0), at(1, 0)) << "a quarter against a half";
+}
+
+// All agents know all ranges: one that fails is replaced by one of another part.
+TEST_F(DepthBoundsQueriesTest, AnotherAgentAnswersForOneThatFails) {
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse expected, Render(Request()));
+  fails_[1] = true;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
+  EXPECT_TRUE(response.depth_bounds() == expected.depth_bounds());
+}
+
+TEST_F(DepthBoundsQueriesTest, AnAnswerThatCanNotBeRightIsAnInternalError) {
+  change_ = [](internal::GetDepthBoundsResponse* response) { response->clear_farthest(); };
+  Start();
+  EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal, HasSubstr("malformed")));
+}
+
+// Asks two agents directly: frames of level 0 never do.
+class UnresolvedQueriesTest : public AgentQueriesTest {
+ protected:
+  UnresolvedQueriesTest() {
+    for (const int i : {0, 1}) {
+      (i == 0 ? first_ : second_).on_resolved_blocks =
+          [this, i](const internal::GetResolvedBlocksRequest& request, auto* response) {
+            asked_of_[i] = request;
+            *response->mutable_blocks() = wire::ToProto(resolved_[i]);
+            response->set_active_block_count(active_counts_[i]);
+            return grpc::Status::OK;
+          };
+    }
+  }
+  absl::StatusOr<std::int64_t> Ask() {
+    std::vector<FramePart> parts;
+    for (const FakeAgent* agent : {&first_, &second_}) {
+      parts.push_back({.shard_indices = {static_cast<int>(parts.size())},
+                       .replicas = {{.address = agent->address(),
+                                     .channel = rpc::MakeFreshChannel(agent->address())}}});
+    }
+    const std::string id = "some";
+    base::Cancellation cancellation(base::MonotonicNow() + kLimit);
+    return AskUnresolved({id, parts}, /*block_count=*/100, /*level=*/2,
+                         volume::InsideRule::OfIsovalue(7), base::TraceContext::Random(),
+                         cancellation)
+        .result;
+  }
+
+  internal::GetResolvedBlocksRequest asked_of_[2];
+  std::vector<volume::BlockId> resolved_[2] = {{1, 5, 9}, {5, 70}};
+  std::int64_t active_counts_[2] = {10, 10};
+};
+
+TEST_F(UnresolvedQueriesTest, BlocksThatAnyAgentResolvesAreResolvedOnce) {
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::int64_t count, Ask());
+  EXPECT_EQ(count, 10 - 4);
+  for (const int i : {0, 1}) {
+    EXPECT_EQ(asked_of_[i].level(), 2);
+    EXPECT_EQ(asked_of_[i].isovalue(), 7);
+    ASSERT_EQ(asked_of_[i].shard_indices_size(), 1);
+    EXPECT_EQ(asked_of_[i].shard_indices(0), i);
+  }
+}
+
+TEST_F(UnresolvedQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
+  Start();
+  active_counts_[1] = 11;
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("the same in all answers")));
+  active_counts_[1] = active_counts_[0] = 3;
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("at least 4")));
+  active_counts_[1] = active_counts_[0] = 101;
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("100 blocks")));
+  active_counts_[1] = active_counts_[0] = 10;
+  resolved_[1].push_back(100);
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("blocks")));
+}
+
+// Two agents whose shards have level 1, and frames without a pixel.
+class UnresolvedFramesTest : public testing::FakeClusterTest {
+ protected:
+  UnresolvedFramesTest() {
+    for (const int i : {0, 1}) {
+      internal::ShardDescription shard = MakeShard("head", i, 2);
+      shard.mutable_levels()->add_levels(1);
+      shard.mutable_levels()->set_filter(v1::DatasetLevel::FILTER_MEAN);
+      FakeAgent& agent = *AddAgent({shard});
+      agent.on_histogram = AnswerWith(1, 2);
+      agent.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+        return testing::PlayEmptyFrame(stream);
+      };
+      agent.on_resolved_blocks = [this, i](const internal::GetResolvedBlocksRequest& request,
+                                           auto* response) {
+        ++asked_count_;
+        EXPECT_EQ(request.level(), 1);
+        if (fails_) {
+          return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+        }
+        *response->mutable_blocks() =
+            wire::ToProto(std::vector<volume::BlockId>{static_cast<volume::BlockId>(i), 2});
+        response->set_active_block_count(7);
+        return grpc::Status::OK;
+      };
+    }
+  }
+  absl::StatusOr<v1::RenderStatistics> RenderAt(std::int32_t level, bool counts) {
+    v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
+    request.set_culling(v1::CULLING_NONE);
+    request.mutable_level()->set_level(level);
+    request.set_with_unresolved_count(counts);
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response, Render(request));
+    return response.statistics();
+  }
+
+  std::atomic<int> asked_count_{0};
+  std::atomic<bool> fails_{false};
+};
+
+TEST_F(UnresolvedFramesTest, FramesThatAskHaveThemCountedAndOthersTellWhatIsKnown) {
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, false));
+  EXPECT_FALSE(statistics.has_unresolved_block_count()) << "nobody waits for it";
+  EXPECT_EQ(asked_count_, 0);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, true));
+  EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3);
+  EXPECT_EQ(asked_count_, 2);
+  for (const bool counts : {false, true}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, counts));
+    EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3);
+  }
+  EXPECT_EQ(asked_count_, 2) << "it is kept";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(0, true));
+  EXPECT_FALSE(statistics.has_unresolved_block_count()) << "level 0 hides nothing";
+}
+
+TEST_F(UnresolvedFramesTest, APictureWithoutTheNumberIsStillRight) {
+  Start();
+  fails_ = true;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, true));
+  EXPECT_FALSE(statistics.has_unresolved_block_count());
+  fails_ = false;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(statistics, RenderAt(1, true));
+  EXPECT_EQ(statistics.unresolved_block_count(), 7 - 3) << "a failure is not kept";
 }
 
 TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {

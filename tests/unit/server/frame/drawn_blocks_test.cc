@@ -17,7 +17,7 @@ using ::testing::IsEmpty;
 // Part 0 has the even blocks, part 1 the odd ones.
 std::shared_ptr<const ActiveBlocks> Active() {
   return std::make_shared<const ActiveBlocks>(std::vector<Blocks>{Every(2, 0), Every(2, 1)},
-                                              kBlockCount);
+                                              *volume::BlockLayout::Make(kDims, {4, 4, 4}));
 }
 
 ReducedFrame BandOf(const Blocks& hits, std::vector<PartBlocks> blocks) {

@@ -186,5 +186,16 @@ TEST(KnownSamplesTest, ASurfaceWithoutCellsIsToldFromOneWithoutSamples) {
                         "outside; "));
 }
 
+// Means of a level may lack what its samples are too coarse for: no missing samples are to blame.
+TEST(KnownSamplesTest, ASurfaceThatALevelLacksMayShowAtLevelZero) {
+  const KnownSamples known = Known(ScalarType::kFloat32, {{0, 9}, {10, 1}});
+  for (const InsideRule& rule : {InsideRule::OfIsovalue(5), InsideRule::OfLabels({10})}) {
+    const KnownSamples::Note note = known.NoCellNoteOf(rule, /*level=*/2);
+    EXPECT_EQ(note.first, ProtoNote::REASON_NO_CELL);
+    EXPECT_THAT(note.second, HasSubstr("no cell of level 2"));
+    EXPECT_THAT(note.second, HasSubstr("may show at level 0"));
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::server

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <cstdlib>
 #include <memory>
 #include <string>
@@ -23,7 +24,8 @@ using ::isoscope::testing::StatusIs;
 using ::testing::ElementsAre;
 using ::testing::ElementsAreArray;
 
-class ReductionTest : public ::testing::Test {
+// By sets, and by trees: the largest volume whose blocks are kept as sets.
+class ReductionTest : public ::testing::TestWithParam<std::int64_t> {
  protected:
   ReductionTest() { spec_.surfaces.resize(1); }
 
@@ -35,7 +37,8 @@ class ReductionTest : public ::testing::Test {
                          .active = nullptr,
                          .images = images_.get(),
                          .arena = &arena_,
-                         .keeps_blocks = keeps_blocks_},
+                         .keeps_blocks = keeps_blocks_,
+                         .max_dense_blocks = GetParam()},
                         active_.size(), images_->Take(kWidth, kHeight));
     for (std::size_t i = 0; i < active_.size(); ++i) {
       reduction.AddRayHits(i, hits[i], active_[i]);
@@ -53,9 +56,15 @@ class ReductionTest : public ::testing::Test {
   std::vector<Blocks> active_ = {Every(3, 0), Every(3, 1), Every(3, 2)};
 };
 
+INSTANTIATE_TEST_SUITE_P(SetsAndTrees, ReductionTest,
+                         ::testing::Values(volume::kMaxDenseBlocks, std::int64_t{0}),
+                         [](const auto& test) {
+                           return test.param == 0 ? std::string("Trees") : std::string("Sets");
+                         });
+
 // An active block is occluding if it is a hit or touches one. Invisible blocks outside of the
 // picture are not sent.
-TEST_F(ReductionTest, EveryPartGetsItsOwnOfTheOccludingBlocks) {
+TEST_P(ReductionTest, EveryPartGetsItsOwnOfTheOccludingBlocks) {
   active_ = {Every(5, 0), Every(5, 2), Every(5, 3)};
   Reduction reduction = Make({{2, 5, 63}, {}, {5, 40}});
   std::size_t occluding_count = 0;
@@ -95,7 +104,7 @@ TEST_F(ReductionTest, EveryPartGetsItsOwnOfTheOccludingBlocks) {
   }
 }
 
-TEST_F(ReductionTest, BlocksAreKeptForTheNextBandIfTheyAreAskedFor) {
+TEST_P(ReductionTest, BlocksAreKeptForTheNextBandIfTheyAreAskedFor) {
   for (const bool keeps : {false, true}) {
     keeps_blocks_ = keeps;
     Reduction reduction = Make({{21}, {}, {}});
@@ -125,7 +134,7 @@ TEST_F(ReductionTest, BlocksAreKeptForTheNextBandIfTheyAreAskedFor) {
   }
 }
 
-TEST_F(ReductionTest, EveryPartGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
+TEST_P(ReductionTest, EveryPartGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
   for (const auto culling : {frame::Culling::kDepth, frame::Culling::kMask}) {
     const bool is_depth = culling == frame::Culling::kDepth;
     SCOPED_TRACE(is_depth ? "depth" : "mask");
@@ -171,7 +180,25 @@ TEST_F(ReductionTest, EveryPartGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
   }
 }
 
-TEST_F(ReductionTest, AnImageOfAnotherSizeIsRefused) {
+TEST_P(ReductionTest, BlocksThatAreWhollyClippedAreNeverDrawn) {
+  spec_.clip.half_spaces.push_back({{1, 0, 0}, view_.geometry().Bounds().Center().x});
+  const view::Clipper clipper(spec_.clip, view_.geometry());
+  Reduction reduction = Make({{21}, {22}, {}});
+  reduction.SelectVisible([](std::size_t, Reduction::PartBlocks*) {});
+  std::size_t drawn_count = 0;
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    const Reduction::PartBlocks& part = *reduction.BlocksOf(i);
+    for (const Blocks& blocks : {part.occluders, part.visible}) {
+      drawn_count += blocks.size();
+      for (const volume::BlockId id : blocks) {
+        EXPECT_NE(clipper.SideOf(layout_, id), view::Clipper::Side::kOutside) << id;
+      }
+    }
+  }
+  EXPECT_GT(drawn_count, 0U);
+}
+
+TEST_P(ReductionTest, AnImageOfAnotherSizeIsRefused) {
   const Reduction reduction = Make({{}, {}, {}});
   ISOSCOPE_EXPECT_OK(reduction.CheckSize({.image = Wall(), .layers = {}, .memory = nullptr}));
   EXPECT_THAT(

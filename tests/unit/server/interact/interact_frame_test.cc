@@ -27,12 +27,15 @@ v1::ViewState State() {
 TEST(InteractFrameTest, AMovingFrameIsAJpegOfOneSampleAndOtherwiseTheSame) {
   v1::ViewState state = State();
   state.mutable_frame()->set_with_notes(true);
+  state.mutable_frame()->set_with_unresolved_count(true);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame exact, ExactFrameOf(state));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const wire::AskedFrame moving,
                                 MovingFrameOf(state, {.jpeg_quality = 70}));
   EXPECT_EQ(moving.dataset, "head");
   EXPECT_TRUE(exact.with_notes);
+  EXPECT_TRUE(exact.with_unresolved_count);
   EXPECT_FALSE(moving.with_notes);
+  EXPECT_FALSE(moving.with_unresolved_count);
   frame::FrameSpec expected = exact.spec;
   expected.output = {.image_format = frame::ImageFormat::kJpeg, .jpeg_quality = 70};
   expected.effects.samples_per_side = 1;

@@ -296,5 +296,66 @@ TEST(InteractOutboxTest, OnlyTheLastThousandUnshownFramesAreKept) {
   EXPECT_TRUE(outbox.IsUnshownMoving(1001));
 }
 
+// A view that refines, whose exact frame comes in parts.
+class PartsTest : public ::testing::Test {
+ protected:
+  // Begins and ends a part, and pushes its answer.
+  void Push(bool is_tile, bool is_deferral = false) {
+    const InteractiveSchedule::Step step = schedule_.Next(now_);
+    ASSERT_TRUE(step.start.has_value());
+    schedule_.OnWorkEnded(step.start->work, /*has_answer=*/true, now_);
+    InteractAnswer answer{.is_of_exact_work = true, .is_part = is_tile || is_deferral};
+    answer.message.set_sequence_number(1);
+    if (is_tile) {
+      answer.message.mutable_tile()->set_png("tile");
+    } else if (is_deferral) {
+      answer.message.mutable_exact_deferred();
+    } else {
+      answer.message.mutable_frame();
+      answer.message.set_is_exact(true);
+    }
+    outbox_.Push(std::move(answer), now_);
+    schedule_.ContinueExact();
+  }
+
+  const base::MonotonicTime now_ = base::MonotonicTime();
+  InteractiveSchedule schedule_;
+  InteractOutbox outbox_{&schedule_};
+};
+
+TEST_F(PartsTest, TilesAreSentInTheirOrderBeforeTheirFrame) {
+  schedule_.OnState(1, true, now_, /*refines=*/true);
+  Push(/*is_tile=*/true);
+  ASSERT_NE(outbox_.BeginWrite(now_), nullptr);
+  Push(/*is_tile=*/true);
+  EXPECT_FALSE(schedule_.Next(now_).start.has_value()) << "one waits: the client is behind";
+  outbox_.EndWrite();
+  EXPECT_TRUE(outbox_.BeginWrite(now_)->has_tile());
+  Push(/*is_tile=*/false);
+  outbox_.EndWrite();
+  EXPECT_TRUE(outbox_.BeginWrite(now_)->is_exact());
+  EXPECT_EQ(outbox_.sent_count(), 3);
+  EXPECT_FALSE(outbox_.IsUnshownMoving(1)) << "its delay tells nothing about moving frames";
+}
+
+TEST_F(PartsTest, AnotherPictureDropsTilesThatWait) {
+  schedule_.OnState(1, true, now_, /*refines=*/true);
+  Push(/*is_tile=*/true);
+  outbox_.DropParts();
+  EXPECT_EQ(outbox_.BeginWrite(now_), nullptr);
+  EXPECT_EQ(schedule_.under_way_count(), 0);
+  EXPECT_TRUE(schedule_.Next(now_).start.has_value()) << "nothing waits";
+}
+
+TEST_F(PartsTest, ADeferralNeedsNoAcknowledgementAndPausesNothing) {
+  schedule_.OnState(1, true, now_, /*refines=*/true);
+  Push(/*is_tile=*/false, /*is_deferral=*/true);
+  const isoscope::v1::InteractResponse* const sent = outbox_.BeginWrite(now_);
+  ASSERT_NE(sent, nullptr);
+  EXPECT_TRUE(sent->has_exact_deferred());
+  EXPECT_EQ(schedule_.under_way_count(), 0);
+  EXPECT_TRUE(schedule_.Next(now_).start.has_value());
+}
+
 }  // namespace
 }  // namespace isoscope::server

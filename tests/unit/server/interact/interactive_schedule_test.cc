@@ -269,5 +269,93 @@ TEST(InteractiveScheduleTest, ADroppedAnswerGivesItsCreditBack) {
   EXPECT_EQ(StartAt(&schedule, 6).sequence, 3);
 }
 
+// A view that refines: its exact frame is several works.
+TEST(InteractiveScheduleTest, PartsOfAnExactFrameFollowEachOther) {
+  Schedule schedule;
+  schedule.OnState(1, true, At(0), /*refines=*/true);
+  for (int part = 1; part <= 3; ++part) {
+    const FrameStart start = StartAt(&schedule, 10 * part);
+    ASSERT_EQ(start.work, part);
+    EXPECT_TRUE(start.is_exact);
+    EXPECT_EQ(StartAt(&schedule, 10 * part).work, 0) << "one at a time";
+    schedule.OnWorkEnded(start.work, /*has_answer=*/true, At(10 * part + 5));
+    schedule.OnSent(part, At(10 * part + 5), /*is_exact=*/true, /*is_part=*/true);
+    EXPECT_EQ(StartAt(&schedule, 10 * part + 6).work, 0) << "unless it goes on";
+    schedule.ContinueExact();
+  }
+}
+
+TEST(InteractiveScheduleTest, APartIsCancelledAtOnceByAnotherPictureAndEachTime) {
+  Schedule schedule;
+  for (int state = 1; state <= 3; ++state) {
+    schedule.OnState(2 * state, true, At(1000 * state), /*refines=*/true);
+    const FrameStart part = StartAt(&schedule, 1000 * state);
+    ASSERT_TRUE(part.is_exact);
+    schedule.OnDrawn(part.work);
+    schedule.OnState(2 * state + 1, false, At(1000 * state + 900), /*refines=*/true);
+    const Schedule::Step step = schedule.Next(At(1000 * state + 900));
+    ASSERT_EQ(step.cancel.size(), 1U) << "however long it has been drawn";
+    EXPECT_EQ(step.cancel[0], part.work);
+    ASSERT_TRUE(step.start.has_value()) << "a cancelled work holds nobody up";
+    EXPECT_FALSE(step.start->is_exact);
+    schedule.OnWorkEnded(part.work, /*has_answer=*/false, At(1000 * state + 901));
+    schedule.OnWorkEnded(step.start->work, /*has_answer=*/false, At(1000 * state + 902));
+  }
+}
+
+TEST(InteractiveScheduleTest, AStateWithTheSamePictureBeginsAndCancelsNothing) {
+  Schedule schedule;
+  schedule.OnState(1, false, At(0), /*refines=*/true);
+  const FrameStart moving = StartAt(&schedule, 0);
+  schedule.OnSamePicture(2, false);
+  EXPECT_EQ(StartAt(&schedule, 10).work, 0) << "its moving frame is drawn";
+  schedule.OnWorkEnded(moving.work, /*has_answer=*/false, At(20));
+  schedule.OnSamePicture(3, false);
+  const FrameStart part = StartAt(&schedule, 120);
+  EXPECT_TRUE(part.is_exact) << "120 ms after the picture came, not after its newest state";
+  EXPECT_EQ(part.sequence, 3);
+  schedule.OnSamePicture(4, false);
+  const Schedule::Step step = schedule.Next(At(130));
+  EXPECT_TRUE(step.cancel.empty());
+  EXPECT_FALSE(step.start.has_value());
+  schedule.OnWorkEnded(part.work, /*has_answer=*/false, At(140));
+  EXPECT_EQ(StartAt(&schedule, 150).work, 0) << "the exact frame was begun for it, too";
+}
+
+TEST(InteractiveScheduleTest, FourPartsMayBeUnshownAndDelayNoMovingFrame) {
+  Schedule schedule;
+  schedule.OnState(1, true, At(0), /*refines=*/true);
+  for (int part = 1; part <= Schedule::kPartCredits; ++part) {
+    const FrameStart start = StartAt(&schedule, 10 * part);
+    ASSERT_NE(start.work, 0) << part;
+    schedule.OnWorkEnded(start.work, /*has_answer=*/true, At(10 * part));
+    schedule.OnSent(part, At(10 * part), /*is_exact=*/true, /*is_part=*/true);
+    schedule.ContinueExact();
+  }
+  EXPECT_EQ(StartAt(&schedule, 100).work, 0) << "the client is behind";
+  EXPECT_EQ(schedule.under_way_count(), 0);
+  EXPECT_TRUE(schedule.OnShown(1, At(110)).has_value());
+  EXPECT_NE(StartAt(&schedule, 110).work, 0);
+  EXPECT_EQ(schedule.under_way_count(), 1) << "the one in work";
+  for (int part = 2; part <= Schedule::kPartCredits; ++part) {
+    EXPECT_TRUE(schedule.OnShown(part, At(120)).has_value());
+  }
+  EXPECT_EQ(schedule.under_way_count(), 1);
+}
+
+TEST(InteractiveScheduleTest, AViewThatDoesNotRefineHasTwoExactFramesUnshownAsBefore) {
+  Schedule schedule;
+  for (int state = 1; state <= 2; ++state) {
+    schedule.OnState(state, true, At(10 * state));
+    const FrameStart exact = StartAt(&schedule, 10 * state);
+    ASSERT_TRUE(exact.is_exact);
+    schedule.OnWorkEnded(exact.work, /*has_answer=*/true, At(10 * state));
+    schedule.OnSent(state, At(10 * state), /*is_exact=*/true);
+  }
+  EXPECT_EQ(schedule.under_way_count(), 2);
+  schedule.OnState(3, true, At(30));
+  EXPECT_EQ(StartAt(&schedule, 30).work, 0);
+}
+
 }  // namespace
 }  // namespace isoscope::server

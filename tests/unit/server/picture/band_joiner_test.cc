@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -96,6 +97,30 @@ TEST(BandJoinerTest, ThePictureHasTheBytesOfTheWholeInEachFormatHoweverItIsCut) 
         }
       }
     }
+  }
+}
+
+TEST(BandJoinerTest, TilesInAnyOrderHaveTheBytesOfTheWholeAndEachThoseOfItsRegion) {
+  const image::FrameImage picture = RandomPicture();
+  for (const image::Rgba8 background : {image::Rgba8{9, 20, 30, 255}, image::Rgba8{9, 20, 30, 0}}) {
+    const frame::FrameSpec spec = SpecOf(frame::ImageFormat::kPng, background);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string whole, EncodePicture(picture, spec));
+    std::vector<view::Region> tiles = BandsOf(7, 3);
+    for (std::size_t i = tiles.size(); i > 1; --i) {
+      std::swap(tiles[i - 1],
+                tiles[static_cast<std::size_t>(static_cast<double>(i) * base::RandomUnit(3, i))]);
+    }
+    BandJoiner joiner(spec, /*is_encoded_by_rows=*/false);
+    for (const view::Region& tile : tiles) {
+      const image::FrameImage part = Cut(picture, tile);
+      joiner.AddPicture(tile, part);
+      ISOSCOPE_ASSERT_OK(joiner.EncodeRows());
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_tile, joiner.EncodePart(tile));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_region, EncodePicture(part, spec));
+      EXPECT_TRUE(of_tile == of_region) << tile.x << ", " << tile.y;
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameOutput joined, joiner.Finish());
+    EXPECT_TRUE(joined.image == whole);
   }
 }
 

@@ -70,6 +70,27 @@ TEST(FrameOutputTest, PlanesHoldDepthSurfaceAndPositionAndMarkTheBackground) {
   }
 }
 
+TEST(FrameOutputTest, BoundsAreDistancesOrInfinite) {
+  const view::View view = MakeView();
+  const view::Unprojection unprojection(view);
+  visibility::DepthBounds rows(2, 2);
+  rows.AddToRows({1, 0, 2, 1}, 0.25F, 0.75F, 0, 2);
+  rows.AddToRows({0, 1, 1, 2}, 0, 1, 0, 2);
+  std::string plane = "before";
+  AppendBounds(rows, view, &plane);
+  ASSERT_EQ(plane.size(), 6 + std::size_t{2} * 2 * frame::kDepthBoundsBytes);
+  EXPECT_EQ(plane.substr(0, 6), "before") << "rows are appended";
+  plane = plane.substr(6);
+  for (const std::size_t i : {0U, 1U, 6U, 7U}) {
+    EXPECT_EQ(FloatAt(plane, i), INFINITY) << "proved background";
+  }
+  // The values that the depth plane has for these depths, bit by bit.
+  EXPECT_EQ(FloatAt(plane, 2), unprojection.DistanceOf(0.25F));
+  EXPECT_EQ(FloatAt(plane, 3), unprojection.DistanceOf(0.75F));
+  EXPECT_EQ(FloatAt(plane, 4), unprojection.DistanceOf(0));
+  EXPECT_EQ(FloatAt(plane, 5), unprojection.DistanceOf(1));
+}
+
 TEST(FrameOutputTest, APointHasTheValuesOfThePlanes) {
   const view::View view = MakeView();
   image::FrameImage image = MakeImage();

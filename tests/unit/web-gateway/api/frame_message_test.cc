@@ -1,5 +1,6 @@
 #include "web-gateway/api/frame_message.h"
 
+#include <cstdint>
 #include <string>
 
 #include "gmock/gmock.h"
@@ -12,7 +13,8 @@
 namespace isoscope::gateway {
 namespace {
 
-using ::testing::HasSubstr;
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
 using testing::IsOk;
 using testing::StatusIs;
 namespace v1 = isoscope::v1;
@@ -99,15 +101,101 @@ TEST(FrameMessageTest, RequestsAreStatesOrFramesShown) {
   }
 }
 
-TEST(FrameMessageTest, TheSlotNamesTheFrameThatANewerOneReplaces) {
-  FrameSlot slot;
-  EXPECT_FALSE(slot.Take().has_value());
-  EXPECT_EQ(slot.Offer({.frame_number = 1, .bytes = "a"}), std::nullopt);
-  EXPECT_EQ(slot.Offer({.frame_number = 2, .bytes = "b"}), 1);
-  EXPECT_EQ(slot.Offer({.frame_number = 5, .bytes = "c"}), 2);
-  EXPECT_EQ(slot.Take()->bytes, "c");
-  EXPECT_FALSE(slot.Take().has_value());
-  EXPECT_EQ(slot.Offer({.frame_number = 6, .bytes = "d"}), std::nullopt);
+TEST(FrameMessageTest, ATileIsPngWithItsPlace) {
+  v1::InteractResponse response;
+  response.set_sequence_number(3);
+  v1::Tile& tile = *response.mutable_tile();
+  tile.set_png("png");
+  tile.mutable_region()->set_x(64);
+  tile.set_index(2);
+  tile.set_count(40);
+  tile.mutable_extent()->set_width_px(640);
+  EXPECT_TRUE(AddsToPicture(response));
+  const Parts parts = Split(EncodeFrame(response));
+  EXPECT_EQ(parts.image, "png");
+  EXPECT_EQ(parts.json["image"]["type"], "image/png");
+  EXPECT_FALSE(parts.json["tile"].contains("png"));
+  EXPECT_EQ(parts.json["tile"]["region"]["x"], 64);
+  EXPECT_EQ(parts.json["tile"]["index"], 2);
+  EXPECT_EQ(parts.json["tile"]["count"], 40);
+  EXPECT_EQ(parts.json["tile"]["extent"]["widthPx"], 640);
+}
+
+TEST(FrameMessageTest, ADeferredFrameSaysWhatItWouldCost) {
+  v1::InteractResponse response;
+  response.mutable_exact_deferred()->set_expected_bytes(2'100'000'000);
+  response.mutable_exact_deferred()->mutable_expected_duration()->set_seconds(40);
+  response.mutable_exact_deferred()->mutable_drawn_level()->set_level(2);
+  EXPECT_TRUE(AddsToPicture(response));
+  const Parts parts = Split(EncodeFrame(response));
+  EXPECT_EQ(parts.image + parts.depths, "");
+  EXPECT_EQ(parts.json["exactDeferred"]["expectedBytes"], "2100000000");
+  EXPECT_EQ(parts.json["exactDeferred"]["expectedDuration"], "40s");
+  EXPECT_EQ(parts.json["exactDeferred"]["drawnLevel"]["level"], 2);
+}
+
+TEST(FrameMessageTest, AFrameStandsAloneAndAnErrorLosesNoTiles) {
+  v1::InteractResponse frame;
+  frame.mutable_frame()->set_png("png");
+  EXPECT_FALSE(AddsToPicture(frame));
+  v1::InteractResponse error;
+  error.mutable_error()->set_code(14);
+  EXPECT_TRUE(AddsToPicture(error));
+}
+
+TEST(FrameMessageTest, AStateMayRefine) {
+  const absl::StatusOr<v1::InteractRequest> request = DecodeInteractRequest(
+      R"({"viewState":{"sequenceNumber":"1","refinement":{"coarseLevels":true,"tiles":true,
+          "focus":{"x":0.25,"y":0.5},"maxExactBytes":"4000000000","maxExactDuration":"10s"}}})");
+  ASSERT_THAT(request, IsOk());
+  const v1::Refinement& refinement = request->view_state().refinement();
+  EXPECT_TRUE(refinement.coarse_levels());
+  EXPECT_TRUE(refinement.tiles());
+  EXPECT_EQ(refinement.focus().x(), 0.25);
+  EXPECT_EQ(refinement.max_exact_bytes(), 4'000'000'000);
+  EXPECT_EQ(refinement.max_exact_duration().seconds(), 10);
+}
+
+FrameQueue::Frame FrameOf(std::int64_t number) {
+  return {.frame_number = number, .bytes = "frame"};
+}
+
+FrameQueue::Frame TileOf(std::int64_t number) {
+  return {.frame_number = number, .adds_to_picture = true, .bytes = "tile"};
+}
+
+TEST(FrameQueueTest, ANewerFrameReplacesAllThatWait) {
+  FrameQueue queue;
+  EXPECT_FALSE(queue.Take().has_value());
+  EXPECT_THAT(queue.Offer(FrameOf(1)), IsEmpty());
+  EXPECT_THAT(queue.Offer(FrameOf(2)), ElementsAre(1));
+  EXPECT_THAT(queue.Offer(TileOf(3)), IsEmpty());
+  EXPECT_THAT(queue.Offer(TileOf(4)), IsEmpty());
+  EXPECT_THAT(queue.Offer(FrameOf(5)), ElementsAre(2, 3, 4));
+  EXPECT_EQ(queue.Take()->frame_number, 5);
+  EXPECT_FALSE(queue.Take().has_value());
+  EXPECT_THAT(queue.Offer(FrameOf(6)), IsEmpty());
+}
+
+TEST(FrameQueueTest, TilesWaitBehindTheFrameThatTheyAddTo) {
+  FrameQueue queue;
+  EXPECT_THAT(queue.Offer(FrameOf(1)), IsEmpty());
+  EXPECT_THAT(queue.Offer(TileOf(2)), IsEmpty());
+  EXPECT_THAT(queue.Offer(TileOf(3)), IsEmpty());
+  for (const std::int64_t number : {1, 2, 3}) {
+    EXPECT_EQ(queue.Take()->frame_number, number);
+  }
+  EXPECT_FALSE(queue.Take().has_value());
+}
+
+TEST(FrameQueueTest, ViewersThatDoNotReadHoldABoundedNumberOfTiles) {
+  FrameQueue queue;
+  constexpr auto kMax = static_cast<std::int64_t>(FrameQueue::kMaxFrames);
+  for (std::int64_t number = 1; number <= kMax; ++number) {
+    EXPECT_THAT(queue.Offer(TileOf(number)), IsEmpty());
+  }
+  EXPECT_THAT(queue.Offer(TileOf(kMax + 1)), ElementsAre(1));
+  EXPECT_EQ(queue.Take()->frame_number, 2);
 }
 
 }  // namespace

@@ -40,6 +40,8 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       {"output { image_format: IMAGE_FORMAT_NONE surface_index: true }", ""},
       {"output { image_format: IMAGE_FORMAT_NONE position: true }", ""},
       {"output { image_format: IMAGE_FORMAT_NONE normal: true }", ""},
+      {"output { image_format: IMAGE_FORMAT_NONE depth_bounds: true }", ""},
+      {"output { depth_bounds: true }", "output asks for a picture and 1 planes"},
       {"output { image_format: IMAGE_FORMAT_NONE }", "output asks for 0 planes"},
       {"output { depth: true }", "output asks for a picture and 1 planes"},
       {"output { image_format: IMAGE_FORMAT_NONE depth: true normal: true }",
@@ -48,6 +50,7 @@ TEST(PictureAnswerTest, AnAnswerIsOnePictureOrOnePlane) {
       {"allow_partial: true", "allowPartial is true"},
       {"allow_partial: true output { depth: true }", "output asks for"},
       {"with_notes: true", "withNotes is true"},
+      {"with_unresolved_count: true", "withUnresolvedCount is true"},
   };
   for (const Case& c : cases) {
     const absl::Status status = CheckAnswerable(Parse<v1::RenderIsosurfaceRequest>(c.request));
@@ -72,7 +75,7 @@ TEST(PictureAnswerTest, APngBecomesAWebpOrStaysAsItIs) {
 
 TEST(PictureAnswerTest, TheAnswerHasTheOutputThatWasAskedFor) {
   const auto rendered = Parse<v1::RenderIsosurfaceResponse>(
-      R"(png: "a" jpeg: "b" rgba8: "c" depth: "d" surface_index: "e" position: "f" normal: "g"
+      R"(png: "a" jpeg: "b" rgba8: "c" depth: "d" surface_index: "e" position: "f" normal: "g" depth_bounds: "h"
          extent { width_px: 7 height_px: 5 })");
   const std::string bytes = "application/octet-stream";
   struct Case {
@@ -89,6 +92,7 @@ TEST(PictureAnswerTest, TheAnswerHasTheOutputThatWasAskedFor) {
            {"image_format: IMAGE_FORMAT_NONE surface_index: true", bytes, "e"},
            {"image_format: IMAGE_FORMAT_NONE position: true", bytes, "f"},
            {"image_format: IMAGE_FORMAT_NONE normal: true", bytes, "g"},
+           {"image_format: IMAGE_FORMAT_NONE depth_bounds: true", bytes, "h"},
        }) {
     v1::RenderIsosurfaceRequest request;
     *request.mutable_output() = Parse<v1::OutputOptions>(c.output);
@@ -186,6 +190,39 @@ TEST(PictureAnswerTest, AnApproximatePictureIsNotCached) {
 TEST(PictureAnswerTest, APictureOfUnknownCodeIsNotCached) {
   v1::RenderIsosurfaceRequest request;
   EXPECT_EQ(CachingOf(v1::Dataset(), "", true, false, /*extras_key=*/"", &request).etag, "");
+}
+
+TEST(PictureAnswerTest, TheAnswerSaysItsLevel) {
+  const auto rendered = Parse<v1::RenderIsosurfaceResponse>(
+      R"(png: "a" drawn_level { level: 2 max_spacing_px: 0.5 spacing { x: 4 y: 4 z: 8 } })");
+  const HttpResponse response = PictureResponse({}, {}, rendered);
+  ASSERT_EQ(response.headers.size(), 3U);
+  EXPECT_EQ(response.headers[2].first, "X-Isoscope-Level");
+  EXPECT_THAT(response.headers[2].second, HasSubstr("2"));
+  EXPECT_THAT(response.headers[2].second, HasSubstr("0.5"));
+}
+
+// Levels are added and dropped while the id of the dataset stays.
+TEST(PictureAnswerTest, AChoiceOfLevelsIsTaggedByTheLevelsThatThereAre) {
+  const auto caching_of = [](const char* request_text, const char* dataset_text) {
+    auto request = Parse<v1::RenderIsosurfaceRequest>(request_text);
+    return CachingOf(Parse<v1::Dataset>(dataset_text), "cpu 1", true, false, "", &request);
+  };
+  constexpr char kSome[] = "levels { level: 1 filter: FILTER_MEAN }";
+  constexpr char kMore[] =
+      "levels { level: 1 filter: FILTER_MEAN } levels { level: 2 filter: FILTER_MEAN }";
+  constexpr char kOthers[] = "levels { level: 1 filter: FILTER_MAJORITY }";
+  for (const char* request : {"level { max_spacing_px: 1.1 }", "level { level: 1 }"}) {
+    const PictureCaching caching = caching_of(request, kSome);
+    EXPECT_EQ(caching_of(request, kSome).etag, caching.etag);
+    EXPECT_NE(caching_of(request, kMore).etag, caching.etag) << request;
+    EXPECT_NE(caching_of(request, kOthers).etag, caching.etag) << request;
+    EXPECT_EQ(caching.headers[1].second, "public, no-cache");
+  }
+  for (const char* exact : {"isovalue: 1", "isovalue: 1 level { level: 0 }"}) {
+    EXPECT_EQ(caching_of(exact, kSome).etag, caching_of(exact, kMore).etag) << exact;
+    EXPECT_EQ(caching_of(exact, kSome).headers[1].second, "public, max-age=31536000, immutable");
+  }
 }
 
 }  // namespace

@@ -62,7 +62,7 @@ TEST(RenderQueryTest, ParametersAreTheFlagsOfTheCommandLine) {
       "isovalue=60&width=640&height=480&azimuth=30&elevation=-10&zoom=2&fit=surface&"
       "background=1,1,1&samples=4&clip_plane=0,0,1,2&clip-plane=1,0,0,-3&clip-box=0,5,0,5,0,5&"
       "color-by=z:turbo&light=1,1,1:2&ambient-occlusion=&silhouette=3:1,0,0&max_layers=4&"
-      "culling=none&region=1,2,30,40");
+      "culling=none&region=1,2,30,40&max-spacing=1.1");
   ASSERT_THAT(request, IsOk());
   EXPECT_EQ(request->dataset(), "head");
   EXPECT_EQ(request->surfaces(0).isovalue(), 60);  // color-by needs a surface
@@ -79,6 +79,7 @@ TEST(RenderQueryTest, ParametersAreTheFlagsOfTheCommandLine) {
   EXPECT_EQ(request->max_layers(), 4);
   EXPECT_EQ(request->culling(), v1::CULLING_NONE);
   EXPECT_EQ(request->region().width_px(), 30);
+  EXPECT_EQ(request->level().max_spacing_px(), 1.1);
   EXPECT_NE(request->camera().eye().x(), 5);  // turned
   EXPECT_FALSE(request->has_output());
 }
@@ -344,6 +345,9 @@ TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
       {"isovalue=60&quality=90", {"quality", "format=jpeg"}},
       {"isovalue=60&samples=5", {"samples", "1, 4, 9, 16"}},
       {"isovalue=60&surface=70", {"surface", "isovalue"}},
+      {"isovalue=60&level=24", {"level", "'24'", "0 to 23"}},
+      {"isovalue=60&max-spacing=0", {"max-spacing", "'0'", "above 0"}},
+      {"isovalue=60&level=1&max-spacing=2", {"level and max-spacing exclude each other"}},
       {"isovalue=60&background=2,0,0", {"background"}},
       {"isovalu=60", {"'isovalu'", "did you mean 'isovalue'"}},
       {"isovalue=60&help=1", {"'help'"}},
@@ -389,6 +393,11 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
   EXPECT_EQ(one->request.isovalue(), 60);
   EXPECT_TRUE(one->request.clip().has_box());
   ASSERT_EQ(one->surfaces.size(), 1U);
+  EXPECT_EQ(one->request.level(), 0);
+  const absl::StatusOr<MeshQuery> coarse =
+      MeshQueryFromQuery(kGlb, {{"isovalue", "60"}, {"level", "2"}}, MakeDataset());
+  ASSERT_THAT(coarse, IsOk());
+  EXPECT_EQ(coarse->request.level(), 2);
   const absl::StatusOr<MeshQuery> two =
       MeshQueryFromQuery(kGlb, {{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
   ASSERT_THAT(two, IsOk());

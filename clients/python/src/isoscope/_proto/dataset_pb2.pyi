@@ -17,7 +17,7 @@ SAMPLE_TYPE_UINT8: SampleType
 SAMPLE_TYPE_UNSPECIFIED: SampleType
 
 class Dataset(_message.Message):
-    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "finite_range", "geometry", "labels", "length_unit", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
+    __slots__ = ["block_cells", "block_count", "dataset_id", "fields", "finite_range", "geometry", "labels", "length_unit", "levels", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "time_steps", "time_unit", "value_range"]
     BLOCK_CELLS_FIELD_NUMBER: _ClassVar[int]
     BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
@@ -26,6 +26,7 @@ class Dataset(_message.Message):
     GEOMETRY_FIELD_NUMBER: _ClassVar[int]
     LABELS_FIELD_NUMBER: _ClassVar[int]
     LENGTH_UNIT_FIELD_NUMBER: _ClassVar[int]
+    LEVELS_FIELD_NUMBER: _ClassVar[int]
     MAX_GRADIENT_MAGNITUDE_FIELD_NUMBER: _ClassVar[int]
     MISSING_SHARDS_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
@@ -45,6 +46,7 @@ class Dataset(_message.Message):
     geometry: GridGeometry
     labels: _containers.RepeatedCompositeFieldContainer[Label]
     length_unit: str
+    levels: _containers.RepeatedCompositeFieldContainer[DatasetLevel]
     max_gradient_magnitude: float
     missing_shards: _containers.RepeatedScalarFieldContainer[int]
     name: str
@@ -56,7 +58,24 @@ class Dataset(_message.Message):
     time_steps: _containers.RepeatedCompositeFieldContainer[TimeStep]
     time_unit: str
     value_range: ValueRange
-    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ..., labels: _Optional[_Iterable[_Union[Label, _Mapping]]] = ..., finite_range: _Optional[_Union[ValueRange, _Mapping]] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ..., fields: _Optional[_Iterable[_Union[Field, _Mapping]]] = ..., time_steps: _Optional[_Iterable[_Union[TimeStep, _Mapping]]] = ..., time_unit: _Optional[str] = ..., length_unit: _Optional[str] = ..., labels: _Optional[_Iterable[_Union[Label, _Mapping]]] = ..., finite_range: _Optional[_Union[ValueRange, _Mapping]] = ..., levels: _Optional[_Iterable[_Union[DatasetLevel, _Mapping]]] = ...) -> None: ...
+
+class DatasetLevel(_message.Message):
+    __slots__ = ["block_count", "filter", "geometry", "level"]
+    class Filter(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = []
+    BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
+    FILTER_FIELD_NUMBER: _ClassVar[int]
+    FILTER_MAJORITY: DatasetLevel.Filter
+    FILTER_MEAN: DatasetLevel.Filter
+    FILTER_UNSPECIFIED: DatasetLevel.Filter
+    GEOMETRY_FIELD_NUMBER: _ClassVar[int]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
+    block_count: int
+    filter: DatasetLevel.Filter
+    geometry: GridGeometry
+    level: int
+    def __init__(self, level: _Optional[int] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., block_count: _Optional[int] = ..., filter: _Optional[_Union[DatasetLevel.Filter, str]] = ...) -> None: ...
 
 class Dimensions(_message.Message):
     __slots__ = ["x", "y", "z"]

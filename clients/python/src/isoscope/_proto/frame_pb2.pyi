@@ -42,13 +42,14 @@ class AgentStatistics(_message.Message):
     def __init__(self, agent_address: _Optional[str] = ..., shard_indices: _Optional[_Iterable[int]] = ..., active_block_count: _Optional[int] = ..., occluding_block_count: _Optional[int] = ..., visible_block_count: _Optional[int] = ..., triangle_count: _Optional[int] = ..., unique_vertex_count: _Optional[int] = ..., read_bytes: _Optional[int] = ..., index_page_read_count: _Optional[int] = ..., extract_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., render_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., busy_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., surfaces: _Optional[_Iterable[_Union[SurfaceStatistics, _Mapping]]] = ...) -> None: ...
 
 class RenderStatistics(_message.Message):
-    __slots__ = ["active_block_count", "active_block_coverage", "agents", "band_count", "culled_block_count", "durations", "missing_shards", "network_bytes", "occluding_block_count", "png_bytes", "ray_hit_block_count", "read_bytes", "surfaces", "triangle_count", "truncated_pixel_count", "unique_vertex_count", "visible_block_count"]
+    __slots__ = ["active_block_count", "active_block_coverage", "agents", "band_count", "culled_block_count", "durations", "level", "missing_shards", "network_bytes", "occluding_block_count", "png_bytes", "ray_hit_block_count", "read_bytes", "surfaces", "triangle_count", "truncated_pixel_count", "unique_vertex_count", "unresolved_block_count", "visible_block_count"]
     ACTIVE_BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     ACTIVE_BLOCK_COVERAGE_FIELD_NUMBER: _ClassVar[int]
     AGENTS_FIELD_NUMBER: _ClassVar[int]
     BAND_COUNT_FIELD_NUMBER: _ClassVar[int]
     CULLED_BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     DURATIONS_FIELD_NUMBER: _ClassVar[int]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
     MISSING_SHARDS_FIELD_NUMBER: _ClassVar[int]
     NETWORK_BYTES_FIELD_NUMBER: _ClassVar[int]
     OCCLUDING_BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
@@ -59,6 +60,7 @@ class RenderStatistics(_message.Message):
     TRIANGLE_COUNT_FIELD_NUMBER: _ClassVar[int]
     TRUNCATED_PIXEL_COUNT_FIELD_NUMBER: _ClassVar[int]
     UNIQUE_VERTEX_COUNT_FIELD_NUMBER: _ClassVar[int]
+    UNRESOLVED_BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     VISIBLE_BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
     active_block_count: int
     active_block_coverage: float
@@ -66,6 +68,7 @@ class RenderStatistics(_message.Message):
     band_count: int
     culled_block_count: int
     durations: StepDurations
+    level: int
     missing_shards: _containers.RepeatedScalarFieldContainer[int]
     network_bytes: int
     occluding_block_count: int
@@ -76,8 +79,9 @@ class RenderStatistics(_message.Message):
     triangle_count: int
     truncated_pixel_count: int
     unique_vertex_count: int
+    unresolved_block_count: int
     visible_block_count: int
-    def __init__(self, active_block_count: _Optional[int] = ..., ray_hit_block_count: _Optional[int] = ..., occluding_block_count: _Optional[int] = ..., visible_block_count: _Optional[int] = ..., culled_block_count: _Optional[int] = ..., triangle_count: _Optional[int] = ..., unique_vertex_count: _Optional[int] = ..., read_bytes: _Optional[int] = ..., network_bytes: _Optional[int] = ..., png_bytes: _Optional[int] = ..., durations: _Optional[_Union[StepDurations, _Mapping]] = ..., agents: _Optional[_Iterable[_Union[AgentStatistics, _Mapping]]] = ..., surfaces: _Optional[_Iterable[_Union[SurfaceStatistics, _Mapping]]] = ..., truncated_pixel_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., active_block_coverage: _Optional[float] = ..., band_count: _Optional[int] = ...) -> None: ...
+    def __init__(self, active_block_count: _Optional[int] = ..., ray_hit_block_count: _Optional[int] = ..., occluding_block_count: _Optional[int] = ..., visible_block_count: _Optional[int] = ..., culled_block_count: _Optional[int] = ..., triangle_count: _Optional[int] = ..., unique_vertex_count: _Optional[int] = ..., read_bytes: _Optional[int] = ..., network_bytes: _Optional[int] = ..., png_bytes: _Optional[int] = ..., durations: _Optional[_Union[StepDurations, _Mapping]] = ..., agents: _Optional[_Iterable[_Union[AgentStatistics, _Mapping]]] = ..., surfaces: _Optional[_Iterable[_Union[SurfaceStatistics, _Mapping]]] = ..., truncated_pixel_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., active_block_coverage: _Optional[float] = ..., band_count: _Optional[int] = ..., level: _Optional[int] = ..., unresolved_block_count: _Optional[int] = ...) -> None: ...
 
 class StepDurations(_message.Message):
     __slots__ = ["composite_duration", "encode_duration", "occluder_rendering_duration", "occluder_selection_duration", "visibility_culling_duration"]

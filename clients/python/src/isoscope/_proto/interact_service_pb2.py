@@ -12,10 +12,11 @@ _sym_db = _symbol_database.Default()
 
 
 from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb2
+from isoscope._proto import geometry_pb2 as isoscope_dot_v1_dot_geometry__pb2
 from isoscope._proto import isosurface_service_pb2 as isoscope_dot_v1_dot_isosurface__service__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\"isoscope/v1/interact_service.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\x1a$isoscope/v1/isosurface_service.proto\"w\n\x0fInteractRequest\x12,\n\nview_state\x18\x01 \x01(\x0b\x32\x16.isoscope.v1.ViewStateH\x00\x12.\n\x0b\x66rame_shown\x18\x02 \x01(\x0b\x32\x17.isoscope.v1.FrameShownH\x00\x42\x06\n\x04kind\"\x8f\x01\n\tViewState\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x33\n\x05\x66rame\x18\x02 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\x12 \n\x18target_frames_per_second\x18\x03 \x01(\x01\x12\x12\n\nis_at_rest\x18\x04 \x01(\x08\"V\n\nFrameShown\x12\x14\n\x0c\x66rame_number\x18\x01 \x01(\x03\x12\x32\n\x0f\x64\x65\x63ode_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xdd\x01\n\x10InteractResponse\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x14\n\x0c\x66rame_number\x18\x02 \x01(\x03\x12\x10\n\x08is_exact\x18\x03 \x01(\x08\x12\x34\n\x05\x66rame\x18\x04 \x01(\x0b\x32%.isoscope.v1.RenderIsosurfaceResponse\x12*\n\ndepth_grid\x18\x05 \x01(\x0b\x32\x16.isoscope.v1.DepthGrid\x12&\n\x05\x65rror\x18\x06 \x01(\x0b\x32\x17.isoscope.v1.FrameError\"U\n\tDepthGrid\x12\r\n\x05width\x18\x01 \x01(\x05\x12\x0e\n\x06height\x18\x02 \x01(\x05\x12\x0c\n\x04near\x18\x03 \x01(\x01\x12\x0b\n\x03\x66\x61r\x18\x04 \x01(\x01\x12\x0e\n\x06\x64\x65pths\x18\x05 \x01(\x0c\"n\n\nFrameError\x12\x0c\n\x04\x63ode\x18\x01 \x01(\x05\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x31\n\x0eretry_duration\x18\x04 \x01(\x0b\x32\x19.google.protobuf.Duration2^\n\x0fInteractService\x12K\n\x08Interact\x12\x1c.isoscope.v1.InteractRequest\x1a\x1d.isoscope.v1.InteractResponse(\x01\x30\x01\x42\'\n\x0bisoscope.v1P\x01Z\x16isoscope/v1;isoscopev1b\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\"isoscope/v1/interact_service.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x1aisoscope/v1/geometry.proto\x1a$isoscope/v1/isosurface_service.proto\"w\n\x0fInteractRequest\x12,\n\nview_state\x18\x01 \x01(\x0b\x32\x16.isoscope.v1.ViewStateH\x00\x12.\n\x0b\x66rame_shown\x18\x02 \x01(\x0b\x32\x17.isoscope.v1.FrameShownH\x00\x42\x06\n\x04kind\"\xbc\x01\n\tViewState\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x33\n\x05\x66rame\x18\x02 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\x12 \n\x18target_frames_per_second\x18\x03 \x01(\x01\x12\x12\n\nis_at_rest\x18\x04 \x01(\x08\x12+\n\nrefinement\x18\x05 \x01(\x0b\x32\x17.isoscope.v1.Refinement\"\xaa\x01\n\nRefinement\x12\x15\n\rcoarse_levels\x18\x01 \x01(\x08\x12\r\n\x05tiles\x18\x02 \x01(\x08\x12&\n\x05\x66ocus\x18\x03 \x01(\x0b\x32\x17.isoscope.v1.FocusPoint\x12\x17\n\x0fmax_exact_bytes\x18\x04 \x01(\x03\x12\x35\n\x12max_exact_duration\x18\x05 \x01(\x0b\x32\x19.google.protobuf.Duration\"\"\n\nFocusPoint\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\"V\n\nFrameShown\x12\x14\n\x0c\x66rame_number\x18\x01 \x01(\x03\x12\x32\n\x0f\x64\x65\x63ode_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xb2\x02\n\x10InteractResponse\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x14\n\x0c\x66rame_number\x18\x02 \x01(\x03\x12\x10\n\x08is_exact\x18\x03 \x01(\x08\x12\x34\n\x05\x66rame\x18\x04 \x01(\x0b\x32%.isoscope.v1.RenderIsosurfaceResponse\x12*\n\ndepth_grid\x18\x05 \x01(\x0b\x32\x16.isoscope.v1.DepthGrid\x12&\n\x05\x65rror\x18\x06 \x01(\x0b\x32\x17.isoscope.v1.FrameError\x12\x1f\n\x04tile\x18\x07 \x01(\x0b\x32\x11.isoscope.v1.Tile\x12\x32\n\x0e\x65xact_deferred\x18\x08 \x01(\x0b\x32\x1a.isoscope.v1.ExactDeferred\"\xd0\x01\n\x04Tile\x12#\n\x06region\x18\x01 \x01(\x0b\x32\x13.isoscope.v1.Region\x12\x0b\n\x03png\x18\x02 \x01(\x0c\x12\r\n\x05index\x18\x03 \x01(\x05\x12\r\n\x05\x63ount\x18\x04 \x01(\x05\x12%\n\x06\x65xtent\x18\x05 \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12#\n\x06\x63\x61mera\x18\x06 \x01(\x0b\x32\x13.isoscope.v1.Camera\x12,\n\x0b\x64rawn_level\x18\x07 \x01(\x0b\x32\x17.isoscope.v1.DrawnLevel\"\x8b\x01\n\rExactDeferred\x12\x16\n\x0e\x65xpected_bytes\x18\x01 \x01(\x03\x12\x34\n\x11\x65xpected_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12,\n\x0b\x64rawn_level\x18\x03 \x01(\x0b\x32\x17.isoscope.v1.DrawnLevel\"U\n\tDepthGrid\x12\r\n\x05width\x18\x01 \x01(\x05\x12\x0e\n\x06height\x18\x02 \x01(\x05\x12\x0c\n\x04near\x18\x03 \x01(\x01\x12\x0b\n\x03\x66\x61r\x18\x04 \x01(\x01\x12\x0e\n\x06\x64\x65pths\x18\x05 \x01(\x0c\"n\n\nFrameError\x12\x0c\n\x04\x63ode\x18\x01 \x01(\x05\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x31\n\x0eretry_duration\x18\x04 \x01(\x0b\x32\x19.google.protobuf.Duration2^\n\x0fInteractService\x12K\n\x08Interact\x12\x1c.isoscope.v1.InteractRequest\x1a\x1d.isoscope.v1.InteractResponse(\x01\x30\x01\x42\'\n\x0bisoscope.v1P\x01Z\x16isoscope/v1;isoscopev1b\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.interact_service_pb2', globals())
@@ -23,18 +24,26 @@ if _descriptor._USE_C_DESCRIPTORS == False:
 
   DESCRIPTOR._options = None
   DESCRIPTOR._serialized_options = b'\n\013isoscope.v1P\001Z\026isoscope/v1;isoscopev1'
-  _INTERACTREQUEST._serialized_start=121
-  _INTERACTREQUEST._serialized_end=240
-  _VIEWSTATE._serialized_start=243
-  _VIEWSTATE._serialized_end=386
-  _FRAMESHOWN._serialized_start=388
-  _FRAMESHOWN._serialized_end=474
-  _INTERACTRESPONSE._serialized_start=477
-  _INTERACTRESPONSE._serialized_end=698
-  _DEPTHGRID._serialized_start=700
-  _DEPTHGRID._serialized_end=785
-  _FRAMEERROR._serialized_start=787
-  _FRAMEERROR._serialized_end=897
-  _INTERACTSERVICE._serialized_start=899
-  _INTERACTSERVICE._serialized_end=993
+  _INTERACTREQUEST._serialized_start=149
+  _INTERACTREQUEST._serialized_end=268
+  _VIEWSTATE._serialized_start=271
+  _VIEWSTATE._serialized_end=459
+  _REFINEMENT._serialized_start=462
+  _REFINEMENT._serialized_end=632
+  _FOCUSPOINT._serialized_start=634
+  _FOCUSPOINT._serialized_end=668
+  _FRAMESHOWN._serialized_start=670
+  _FRAMESHOWN._serialized_end=756
+  _INTERACTRESPONSE._serialized_start=759
+  _INTERACTRESPONSE._serialized_end=1065
+  _TILE._serialized_start=1068
+  _TILE._serialized_end=1276
+  _EXACTDEFERRED._serialized_start=1279
+  _EXACTDEFERRED._serialized_end=1418
+  _DEPTHGRID._serialized_start=1420
+  _DEPTHGRID._serialized_end=1505
+  _FRAMEERROR._serialized_start=1507
+  _FRAMEERROR._serialized_end=1617
+  _INTERACTSERVICE._serialized_start=1619
+  _INTERACTSERVICE._serialized_end=1713
 # @@protoc_insertion_point(module_scope)

@@ -98,13 +98,24 @@ class ColorRange(_message.Message):
     source: ColorRange.Source
     def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ..., source: _Optional[_Union[ColorRange.Source, str]] = ..., percentiles: _Optional[_Union[Percentiles, _Mapping]] = ...) -> None: ...
 
+class DrawnLevel(_message.Message):
+    __slots__ = ["level", "max_spacing_px", "spacing"]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
+    MAX_SPACING_PX_FIELD_NUMBER: _ClassVar[int]
+    SPACING_FIELD_NUMBER: _ClassVar[int]
+    level: int
+    max_spacing_px: float
+    spacing: _geometry_pb2.Vec3
+    def __init__(self, level: _Optional[int] = ..., max_spacing_px: _Optional[float] = ..., spacing: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ...) -> None: ...
+
 class ExportIsosurfaceRequest(_message.Message):
-    __slots__ = ["clip", "closes", "dataset", "dataset_id", "isovalue", "selection", "surfaces", "with_measures", "with_origin", "without_mesh"]
+    __slots__ = ["clip", "closes", "dataset", "dataset_id", "isovalue", "level", "selection", "surfaces", "with_measures", "with_origin", "without_mesh"]
     CLIP_FIELD_NUMBER: _ClassVar[int]
     CLOSES_FIELD_NUMBER: _ClassVar[int]
     DATASET_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
     SELECTION_FIELD_NUMBER: _ClassVar[int]
     SURFACES_FIELD_NUMBER: _ClassVar[int]
     WITHOUT_MESH_FIELD_NUMBER: _ClassVar[int]
@@ -115,12 +126,13 @@ class ExportIsosurfaceRequest(_message.Message):
     dataset: str
     dataset_id: str
     isovalue: float
+    level: int
     selection: _dataset_pb2.FieldSelection
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
     with_measures: bool
     with_origin: bool
     without_mesh: bool
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., closes: bool = ..., with_origin: bool = ..., with_measures: bool = ..., without_mesh: bool = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., closes: bool = ..., with_origin: bool = ..., with_measures: bool = ..., without_mesh: bool = ..., level: _Optional[int] = ...) -> None: ...
 
 class ExportIsosurfaceResponse(_message.Message):
     __slots__ = ["measures", "normals", "origin", "positions", "surface_index", "triangles"]
@@ -157,6 +169,14 @@ class HalfSpace(_message.Message):
     normal: _geometry_pb2.Vec3
     offset: float
     def __init__(self, normal: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., offset: _Optional[float] = ...) -> None: ...
+
+class LevelChoice(_message.Message):
+    __slots__ = ["level", "max_spacing_px"]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
+    MAX_SPACING_PX_FIELD_NUMBER: _ClassVar[int]
+    level: int
+    max_spacing_px: float
+    def __init__(self, level: _Optional[int] = ..., max_spacing_px: _Optional[float] = ...) -> None: ...
 
 class Light(_message.Message):
     __slots__ = ["color", "direction", "intensity", "space"]
@@ -196,9 +216,10 @@ class Material(_message.Message):
     def __init__(self, ambient: _Optional[float] = ..., diffuse: _Optional[float] = ..., specular: _Optional[float] = ..., shininess: _Optional[float] = ...) -> None: ...
 
 class OutputOptions(_message.Message):
-    __slots__ = ["depth", "image_format", "jpeg_quality", "normal", "position", "surface_index"]
+    __slots__ = ["depth", "depth_bounds", "image_format", "jpeg_quality", "normal", "position", "surface_index"]
     class ImageFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = []
+    DEPTH_BOUNDS_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
     IMAGE_FORMAT_FIELD_NUMBER: _ClassVar[int]
     IMAGE_FORMAT_JPEG: OutputOptions.ImageFormat
@@ -211,12 +232,13 @@ class OutputOptions(_message.Message):
     POSITION_FIELD_NUMBER: _ClassVar[int]
     SURFACE_INDEX_FIELD_NUMBER: _ClassVar[int]
     depth: bool
+    depth_bounds: bool
     image_format: OutputOptions.ImageFormat
     jpeg_quality: int
     normal: bool
     position: bool
     surface_index: bool
-    def __init__(self, image_format: _Optional[_Union[OutputOptions.ImageFormat, str]] = ..., jpeg_quality: _Optional[int] = ..., depth: bool = ..., surface_index: bool = ..., position: bool = ..., normal: bool = ...) -> None: ...
+    def __init__(self, image_format: _Optional[_Union[OutputOptions.ImageFormat, str]] = ..., jpeg_quality: _Optional[int] = ..., depth: bool = ..., surface_index: bool = ..., position: bool = ..., normal: bool = ..., depth_bounds: bool = ...) -> None: ...
 
 class Percentiles(_message.Message):
     __slots__ = ["high", "low"]
@@ -285,7 +307,7 @@ class Pixel(_message.Message):
     def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ...) -> None: ...
 
 class RenderIsosurfaceRequest(_message.Message):
-    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "lights", "max_layers", "nan_color", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_notes", "with_trace"]
+    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "level", "lights", "max_layers", "nan_color", "output", "ray_seed", "region", "samples", "selection", "silhouette", "surfaces", "viewport", "with_notes", "with_trace", "with_unresolved_count"]
     ALLOW_PARTIAL_FIELD_NUMBER: _ClassVar[int]
     AMBIENT_OCCLUSION_FIELD_NUMBER: _ClassVar[int]
     BACKGROUND_COLOR_FIELD_NUMBER: _ClassVar[int]
@@ -298,6 +320,7 @@ class RenderIsosurfaceRequest(_message.Message):
     DATASET_FIELD_NUMBER: _ClassVar[int]
     DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
     LIGHTS_FIELD_NUMBER: _ClassVar[int]
     MAX_LAYERS_FIELD_NUMBER: _ClassVar[int]
     NAN_COLOR_FIELD_NUMBER: _ClassVar[int]
@@ -311,6 +334,7 @@ class RenderIsosurfaceRequest(_message.Message):
     VIEWPORT_FIELD_NUMBER: _ClassVar[int]
     WITH_NOTES_FIELD_NUMBER: _ClassVar[int]
     WITH_TRACE_FIELD_NUMBER: _ClassVar[int]
+    WITH_UNRESOLVED_COUNT_FIELD_NUMBER: _ClassVar[int]
     allow_partial: bool
     ambient_occlusion: AmbientOcclusion
     background_color: _geometry_pb2.Color
@@ -323,6 +347,7 @@ class RenderIsosurfaceRequest(_message.Message):
     dataset: str
     dataset_id: str
     isovalue: float
+    level: LevelChoice
     lights: _containers.RepeatedCompositeFieldContainer[Light]
     max_layers: int
     nan_color: _geometry_pb2.Color
@@ -336,14 +361,17 @@ class RenderIsosurfaceRequest(_message.Message):
     viewport: _geometry_pb2.Viewport
     with_notes: bool
     with_trace: bool
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., with_notes: bool = ...) -> None: ...
+    with_unresolved_count: bool
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., nan_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., with_notes: bool = ..., level: _Optional[_Union[LevelChoice, _Mapping]] = ..., with_unresolved_count: bool = ...) -> None: ...
 
 class RenderIsosurfaceResponse(_message.Message):
-    __slots__ = ["camera", "caps_coloring", "colorings", "depth", "extent", "jpeg", "normal", "notes", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
+    __slots__ = ["camera", "caps_coloring", "colorings", "depth", "depth_bounds", "drawn_level", "extent", "jpeg", "normal", "notes", "png", "position", "rgba8", "selection", "statistics", "surface_index", "time", "trace"]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     CAPS_COLORING_FIELD_NUMBER: _ClassVar[int]
     COLORINGS_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_BOUNDS_FIELD_NUMBER: _ClassVar[int]
     DEPTH_FIELD_NUMBER: _ClassVar[int]
+    DRAWN_LEVEL_FIELD_NUMBER: _ClassVar[int]
     EXTENT_FIELD_NUMBER: _ClassVar[int]
     JPEG_FIELD_NUMBER: _ClassVar[int]
     NORMAL_FIELD_NUMBER: _ClassVar[int]
@@ -360,6 +388,8 @@ class RenderIsosurfaceResponse(_message.Message):
     caps_coloring: CapsColoring
     colorings: _containers.RepeatedCompositeFieldContainer[SurfaceColoring]
     depth: bytes
+    depth_bounds: bytes
+    drawn_level: DrawnLevel
     extent: _geometry_pb2.Viewport
     jpeg: bytes
     normal: bytes
@@ -372,7 +402,7 @@ class RenderIsosurfaceResponse(_message.Message):
     surface_index: bytes
     time: float
     trace: _trace_pb2.FrameTrace
-    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ..., caps_coloring: _Optional[_Union[CapsColoring, _Mapping]] = ..., notes: _Optional[_Iterable[_Union[SurfaceNote, _Mapping]]] = ...) -> None: ...
+    def __init__(self, png: _Optional[bytes] = ..., statistics: _Optional[_Union[_frame_pb2.RenderStatistics, _Mapping]] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., jpeg: _Optional[bytes] = ..., rgba8: _Optional[bytes] = ..., depth: _Optional[bytes] = ..., surface_index: _Optional[bytes] = ..., position: _Optional[bytes] = ..., normal: _Optional[bytes] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., colorings: _Optional[_Iterable[_Union[SurfaceColoring, _Mapping]]] = ..., trace: _Optional[_Union[_trace_pb2.FrameTrace, _Mapping]] = ..., selection: _Optional[_Union[_dataset_pb2.FieldSelection, _Mapping]] = ..., time: _Optional[float] = ..., caps_coloring: _Optional[_Union[CapsColoring, _Mapping]] = ..., notes: _Optional[_Iterable[_Union[SurfaceNote, _Mapping]]] = ..., drawn_level: _Optional[_Union[DrawnLevel, _Mapping]] = ..., depth_bounds: _Optional[bytes] = ...) -> None: ...
 
 class RenderIsosurfaceStreamRequest(_message.Message):
     __slots__ = ["request"]

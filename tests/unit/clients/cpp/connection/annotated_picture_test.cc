@@ -1,6 +1,7 @@
 #include "clients/cpp/connection/annotated_picture.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -97,6 +98,24 @@ TEST(AnnotatedPictureTest, AnAnswerThatIsNoPictureIsAnError) {
   std::string png = "no PNG";
   EXPECT_FALSE(
       AnnotatePng({.has_axes = true}, PlainRequest(), PlainAnswer(), v1::Dataset(), &png).ok());
+}
+
+// The server chose the level; the record names it, so that the picture can be made again.
+TEST(AnnotatedPictureTest, TheRecordNamesTheLevelThatWasDrawn) {
+  v1::RenderIsosurfaceRequest request = PlainRequest();
+  request.mutable_level()->set_max_spacing_px(1.1);
+  v1::RenderIsosurfaceResponse response = PlainAnswer();
+  for (const std::int32_t level : {0, 2}) {
+    response.mutable_drawn_level()->set_level(level);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const std::string png,
+        RecordPng(response.png(), request, response, v1::Dataset(), "5 cpu", std::nullopt));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RecordedPng recorded, SplitRecordedPng(png));
+    // Level 0 is what a request without a choice means, also for older programs.
+    EXPECT_EQ(recorded.record.request.has_level(), level > 0);
+    EXPECT_EQ(recorded.record.request.level().level(), level);
+    EXPECT_EQ(recorded.record.drawn_level.has_value(), level > 0);
+  }
 }
 
 }  // namespace

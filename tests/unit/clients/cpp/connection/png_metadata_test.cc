@@ -79,6 +79,7 @@ TEST(PngMetadataTest, NamesSeedsAndCullingStayOut) {
   record.request.set_ray_seed(12345);
   record.request.set_with_trace(true);
   record.request.set_with_notes(true);
+  record.request.set_with_unresolved_count(true);
   EXPECT_EQ(EncodePictureRecord(record), text);
   EXPECT_EQ(DecidingPart(record.request).SerializeAsString(),
             SampleRecord().request.SerializeAsString());
@@ -166,6 +167,23 @@ TEST(PngMetadataTest, TextOfOtherProgramsIsLeftAloneAndCopiesOfTheRecordAreRead)
   }
   EXPECT_THAT(SplitRecordedPng(WithChunk("zTXt", std::string("isoscope\0\0xx", 12))),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("compressed")));
+}
+
+TEST(PngMetadataTest, TheLevelComesBack) {
+  PictureRecord record = SampleRecord();
+  record.request.mutable_level()->set_level(2);
+  record.drawn_level.emplace();
+  record.drawn_level->set_level(2);
+  record.drawn_level->set_max_spacing_px(1.0 / 3);
+  record.drawn_level->mutable_spacing()->set_x(4);
+  const std::string text = EncodePictureRecord(record);
+  EXPECT_THAT(text, HasSubstr(R"("level":{"level":2})"));
+  EXPECT_THAT(text, HasSubstr(R"("drawn_level":{"level":2,"max_spacing_px":0.3333333333333333,)"
+                              R"("spacing":{"x":4}}})"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PictureRecord back, DecodePictureRecord(text));
+  EXPECT_EQ(back.request.SerializeAsString(), record.request.SerializeAsString());
+  ASSERT_TRUE(back.drawn_level.has_value());
+  EXPECT_EQ(back.drawn_level->SerializeAsString(), record.drawn_level->SerializeAsString());
 }
 
 }  // namespace

@@ -57,6 +57,11 @@ TEST(RenderFrameTest, LargePicturesAndPlanesComeInParts) {
   RequestPlanes({.depth = "d.npy", .surface_index = "s.npy", .normal = "n.npy"},
                 request.mutable_output());
   EXPECT_EQ(way_of(request), "parts");
+  RequestPlanes({.depth_bounds = "b.npy"}, request.mutable_output());
+  EXPECT_EQ(way_of(request), "whole") << "32 MiB";
+  RequestPlanes({.depth = "d.npy", .normal = "n.npy", .depth_bounds = "b.npy"},
+                request.mutable_output());
+  EXPECT_EQ(way_of(request), "parts");
   request.mutable_region()->set_width_px(100);
   request.mutable_region()->set_height_px(100);
   EXPECT_EQ(way_of(request), "whole");
@@ -75,6 +80,11 @@ TEST(RenderFrameTest, PlanesAreWrittenWithTheirShape) {
   EXPECT_EQ(file.substr(file.size() - 6), "abcdef");
   EXPECT_FALSE(WritePlanes({.depth = folder.Sub("d.npy")}, response).ok())
       << "a server that does not know planes";
+  response.set_depth_bounds(std::string(std::size_t{2} * 3 * 2 * 4, 'b'));
+  ISOSCOPE_ASSERT_OK(WritePlanes({.depth_bounds = folder.Sub("b.npy")}, response));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bounds,
+                                io::ReadWholeFile(folder.Sub("b.npy"), 1000));
+  EXPECT_NE(bounds.find("(3, 2, 2)"), std::string::npos);
 }
 
 }  // namespace
