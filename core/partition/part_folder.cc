@@ -20,6 +20,7 @@ namespace isoscope::partition {
 namespace {
 
 constexpr char kPartialSuffix[] = ".partial";
+constexpr char kJoinedSuffix[] = ".joined";  // of the parts, while they are removed
 
 // Makes a folder; another process may do the same.
 absl::Status EnsureFolder(const std::string& path) {
@@ -97,6 +98,7 @@ bool PartFolder::Exists() const { return io::IsDirectory(parts_path()); }
 absl::Status PartFolder::Make(const std::vector<std::string>& volumes) const {
   ISOSCOPE_RETURN_IF_ERROR(EnsureFolder(path()));
   if (!Exists()) {
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(parts_path() + kJoinedSuffix));
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> names, NamesIn(path()));
     if (!names.empty() && names != std::vector<std::string>{"parts"}) {
       return absl::FailedPreconditionError(
@@ -112,7 +114,19 @@ absl::Status PartFolder::Make(const std::vector<std::string>& volumes) const {
 }
 
 absl::Status PartFolder::Remove() const {
-  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(parts_path()));
+  // Parts vanish in one step, so that none are left that look unfinished.
+  const std::string joined = parts_path() + kJoinedSuffix;
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(joined));
+  if (Exists()) {
+    const absl::Status renamed = io::RenamePath(parts_path(), joined);
+    if (!renamed.ok() && Exists()) {
+      return renamed;
+    }  // else another process removes them, too
+    const absl::Status removed = io::RemoveRecursively(joined);
+    if (!removed.ok() && io::PathExists(joined)) {
+      return removed;
+    }
+  }
   std::error_code error;
   std::filesystem::remove(path(), error);  // stays if there is something else in it
   return absl::OkStatus();

@@ -99,7 +99,9 @@ absl::StatusOr<std::vector<Pieces>> ReadPieces(const PartFolder& folder, const P
       if (!record.has_value()) {
         return MissingError(folder, state, {part.part.index});
       }
-      if (record->cut_digest != digest || record->part != part.part) {
+      if (record->cut_digest != digest || record->part != part.part ||
+          (!pieces.records.empty() &&
+           record->shards.size() != pieces.records.front().shards.size())) {
         return absl::FailedPreconditionError(absl::StrFormat(
             "%s: was cut of another source or with other flags than the other parts: run `isoscope "
             "partition SOURCE --part %d/%d --output %s` again",
@@ -524,6 +526,19 @@ class DatasetJoiner {
   std::int64_t done_bytes_ = 0;  // of the volumes that are joined
 };
 
+bool HasBlocksOf(const store::Manifest& manifest, const Pieces& pieces) {
+  std::vector<std::int64_t> bytes(pieces.records.front().shards.size());
+  for (const store::PieceRecord& record : pieces.records) {
+    for (std::size_t shard = 0; shard < bytes.size(); ++shard) {
+      bytes[shard] += record.shards[shard].summary.block_bytes;
+    }
+  }
+  return manifest.shards.size() == bytes.size() &&
+         std::equal(
+             bytes.begin(), bytes.end(), manifest.shards.begin(),
+             [](std::int64_t size, const store::ShardSummary& s) { return s.block_bytes == size; });
+}
+
 // Whether the output was made of these parts: the samples of all volumes are the same, and so is
 // the cut.
 bool IsJoined(const PartFolder& folder, const std::vector<Pieces>& volumes) {
@@ -539,7 +554,8 @@ bool IsJoined(const PartFolder& folder, const std::vector<Pieces>& volumes) {
         bytes.ok() ? store::DecodeManifest(*bytes, path) : bytes.status();
     if (!manifest.ok() || manifest->samples_digest != VolumeJoiner::DigestOf(pieces) ||
         manifest->block_cells != first.manifest.block_cells ||
-        manifest->seed != first.manifest.seed || manifest->name != first.manifest.name) {
+        manifest->seed != first.manifest.seed || manifest->name != first.manifest.name ||
+        manifest->highest_level() != first.highest_level || !HasBlocksOf(*manifest, pieces)) {
       return false;
     }
   }
@@ -553,6 +569,7 @@ absl::StatusOr<JoinedDataset> JoinParts(const std::string& output, const JoinOpt
   const PartFolder folder(output);
   if (!folder.Exists()) {
     if (store::IsDatasetDirectory(folder.output())) {
+      ISOSCOPE_RETURN_IF_ERROR(folder.Remove());
       return JoinedDataset{.directory = folder.output(), .volume = std::nullopt};
     }
     return absl::NotFoundError(absl::StrCat(
@@ -564,10 +581,15 @@ absl::StatusOr<JoinedDataset> JoinParts(const std::string& output, const JoinOpt
   ISOSCOPE_ASSIGN_OR_RETURN(const PartsState state, ReadPartsState(folder));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<Pieces> volumes, ReadPieces(folder, state));
   JoinedDataset joined{.directory = folder.output(), .volume = std::nullopt};
-  if (!io::PathExists(folder.output()) || !IsJoined(folder, volumes)) {
+  if (!IsJoined(folder, volumes)) {
     // 2 and 3
-    ISOSCOPE_ASSIGN_OR_RETURN(joined,
-                              DatasetJoiner(folder, state, volumes, options, cancellation).Run());
+    absl::StatusOr<JoinedDataset> made =
+        DatasetJoiner(folder, state, volumes, options, cancellation).Run();
+    if (made.ok()) {
+      joined = *std::move(made);
+    } else if (absl::IsCancelled(made.status()) || !IsJoined(folder, volumes)) {
+      return made.status();
+    }  // else another process was first, and may have removed the parts
   }
   ISOSCOPE_RETURN_IF_ERROR(folder.Remove());
   return joined;

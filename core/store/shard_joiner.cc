@@ -4,8 +4,8 @@
 //   blocks.bin        the bytes of the pieces
 //   block_index.bin   their entries, whose offsets grow by the bytes of the pieces before
 //
-// Blocks are copied in runs of some MiB. Each run is compared with the checksums of its entries;
-// the entries and the spans are compared with the record of the piece, once all of them were read.
+// The entries and the spans are compared with the record of the piece first. Then blocks are copied
+// in runs of some MiB, each compared with the checksums of its entries.
 
 #include "core/store/shard_joiner.h"
 
@@ -73,10 +73,9 @@ class Joiner {
         *index, static_cast<std::int64_t>(
                     kBinaryHeaderBytes + kBlockIndexEntryBytes * static_cast<std::size_t>(count))));
     ISOSCOPE_RETURN_IF_ERROR(CheckSize(*spans, static_cast<std::int64_t>(kSpanBytes) * count));
-    std::string entries(kBinaryHeaderBytes, '\0');
-    ISOSCOPE_RETURN_IF_ERROR(index->ReadAt(0, entries.size(), entries.data()));
-    std::uint32_t index_crc32c = base::Crc32c(entries);
-    std::uint32_t spans_crc32c = 0;
+    ISOSCOPE_RETURN_IF_ERROR(CheckCrc32c(*index, from.piece.summary.block_index_crc32c));
+    ISOSCOPE_RETURN_IF_ERROR(CheckCrc32c(*spans, from.piece.spans_crc32c));
+    std::string entries;
     std::int64_t offset = 0;  // in the piece
     std::string span_bytes;
     for (std::int64_t first = 0; first < count; first += kRunBlocks) {
@@ -87,18 +86,10 @@ class Joiner {
           index->ReadAt(static_cast<std::int64_t>(kBinaryHeaderBytes) +
                             first * static_cast<std::int64_t>(kBlockIndexEntryBytes),
                         entries.size(), entries.data()));
-      index_crc32c = base::ExtendCrc32c(index_crc32c, entries.data(), entries.size());
       span_bytes.resize(run * kSpanBytes);
       ISOSCOPE_RETURN_IF_ERROR(spans->ReadAt(first * static_cast<std::int64_t>(kSpanBytes),
                                              span_bytes.size(), span_bytes.data()));
-      spans_crc32c = base::ExtendCrc32c(spans_crc32c, span_bytes.data(), span_bytes.size());
       ISOSCOPE_RETURN_IF_ERROR(AddEntries(entries, span_bytes, *blocks, &offset));
-    }
-    if (index_crc32c != from.piece.summary.block_index_crc32c) {
-      return Damaged(*index);
-    }
-    if (spans_crc32c != from.piece.spans_crc32c) {
-      return Damaged(*spans);
     }
     return offset == from.piece.summary.block_bytes ? absl::OkStatus() : Damaged(*blocks);
   }
@@ -133,6 +124,11 @@ class Joiner {
     return absl::DataLossError(absl::StrFormat(
         "%s: %d bytes, expected %d: remove the part's folder and run the part again", file.path(),
         file.size_bytes(), expected));
+  }
+
+  static absl::Status CheckCrc32c(const io::RandomAccessFile& file, std::uint32_t expected) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t crc32c, Crc32cOfFile(file.path()));
+    return crc32c == expected ? absl::OkStatus() : Damaged(file);
   }
 
   // Copies the blocks of some entries, in runs.
