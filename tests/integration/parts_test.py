@@ -136,6 +136,7 @@ class PartsTest(unittest.TestCase):
       self.assert_alike(volume, (2, 3), '--shards', '2', '--block-cells', '4', '--compression', encoding,
                         '--levels', '1')
     expected = self.one(volume, '--block-cells', '4', '--shards', '2', '--levels', '1')
+    shutil.rmtree(self.path('many'))
     for index in range(3):
       self.part(volume, index, 3, '--block-cells', '4', '--shards', '2', '--levels', '1', '--memory-limit', '56MiB')
     self.finish('many', '--memory-limit', '56MiB')
@@ -179,11 +180,12 @@ class PartsTest(unittest.TestCase):
     expected = self.one(volume, *cut)
     for index in (3, 0, 3, 2, 0, 1, 1):
       self.part(volume, index, 4, *cut)
-    self.assertIn('was finished before', self.part(volume, 2, 4, *cut).stdout)
+    said = isoscope('partition', volume, '--part', '2/4', '--output', self.path('many', 'd'), *cut).stdout
+    self.assertIn('part 2 of 4 was finished before', said)
     self.finish()
     self.assertEqual(self.joined(), expected)
     # Again: nothing is left to do.
-    self.assertIn('was finished before', self.finish().stdout)
+    self.assertIn('was finished before', isoscope('partition', '--finish', self.path('many', 'd')).stdout)
     done = self.part(volume, 1, 4, *cut, check=False)
     self.assertEqual(done.returncode, 1)
     self.assertIn('ALREADY_EXISTS', done.stderr)
