@@ -16,10 +16,10 @@ has left is deleted before the next one. --rows chooses what is measured:
                at --max-spacing 1.1
     exact      exact following frames of both versions, each of its own dataset
 
-Frames are of 1024 x 1024 pixels from the default camera turned by 30 and 20 degrees, by a cluster of one
-isoscope-agent for each shard and an isoscope-coordinator, started anew for each run; a run draws --frames frames 7
-degrees apart. What is compared takes turns. Times are medians in milliseconds, by the clock of the client. "Cold" asks
-the kernel to drop the dataset's pages (posix_fadvise): nothing else of the machine is flushed.
+Frames are of 1024 x 1024 pixels from the default camera turned by --azimuth and --elevation, by a cluster of one
+isoscope-agent for each shard and an isoscope-coordinator, started anew for each run; a run draws --frames frames
+--orbit degrees apart. What is compared takes turns. Times are medians in milliseconds, by the clock of the client.
+"Cold" asks the kernel to drop the dataset's pages (posix_fadvise): nothing else of the machine is flushed.
 
 A goal is met or missed where its row has one; the exit status does not depend on it. Disk: 3.5 times the samples of the
 largest size; with the row partition 1.7 times more, and with --before for partition or exact 1.7 times more. Needs
@@ -38,13 +38,14 @@ import sys
 import tempfile
 import time
 
-from cluster_frames import CAMERA, cluster
+from cluster_frames import cluster
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 ROWS = ('partition', 'frame', 'cold', 'psnr', 'exact')
 MIDDLE = {'uint8': 128, 'uint16': 32768, 'float32': 0.5}  # of what `generate` writes
 SAMPLE_BYTES = {'uint8': 1, 'uint16': 2, 'float32': 4}
 NEAR_PX, COLD_PX = '1.1', '2.2'
+SIDE = 1024  # of pictures, in pixels
 # Of the ratios, by row; the goal of bytes is of sample types.
 GOALS = {'frame': 1.15, 'cold': 1.2, 'partition': 1.25, 'exact': 1 / 0.98}
 BYTES_GOALS = {'uint8': 1.35, 'uint16': 1.2}
@@ -68,6 +69,9 @@ def parse_arguments():
     parser.add_argument('--agent-memory', default='256MiB', help='limit of each agent')
     parser.add_argument('--runs', type=int, default=5)
     parser.add_argument('--frames', type=int, default=6, help='of a run, the first one included')
+    parser.add_argument('--azimuth', type=float, default=30, help='degrees')
+    parser.add_argument('--elevation', type=float, default=20, help='degrees')
+    parser.add_argument('--orbit', type=float, default=7, help='degrees from frame to frame')
     parser.add_argument('--settling', type=float, default=3, help='seconds before the first frame of a cluster')
     parser.add_argument('--work', type=pathlib.Path, help='folder for volumes; default: a temporary one')
     parser.add_argument('--json', type=pathlib.Path, help='where all figures go')
@@ -168,8 +172,10 @@ def frames(program, dataset, arguments, work, *, count, flags=(), is_cold=False)
         if is_cold:
             drop_pages(dataset)
         subprocess.run([program / 'isoscope', 'render', '--server', coordinator, '--isovalue', str(arguments.isovalue),
-                        *CAMERA, '--repeat', str(count), '--orbit', '7', '--timeout', '3600', '--no-measures', *flags,
-                        '--output', '/dev/null', '--stats', stats], check=True, stdout=subprocess.DEVNULL)
+                        '--azimuth', str(arguments.azimuth), '--elevation', str(arguments.elevation), '--width', str(SIDE),
+                        '--height', str(SIDE), '--repeat', str(count), '--orbit', str(arguments.orbit), '--timeout', '3600',
+                        '--no-measures', *flags, '--output', '/dev/null', '--stats', stats],
+                       check=True, stdout=subprocess.DEVNULL)
     return json.loads(stats.read_text())['frames']
 
 
@@ -249,7 +255,8 @@ def measure_psnr(arguments, dataset, size):
     say(f'{size}^3: psnr')
     with served(arguments.after, dataset, arguments) as coordinator, isoscope.connect(coordinator) as client:
         of = client.dataset()
-        look = {'isovalue': arguments.isovalue, 'camera': of.camera('front', 30, 20), 'size': (1024, 1024), 'timeout': 3600}
+        look = {'isovalue': arguments.isovalue, 'camera': of.camera('front', arguments.azimuth, arguments.elevation),
+                'size': (SIDE, SIDE), 'timeout': 3600}
         reference = of.render(samples=16, **look).rgb
         level = of.render(max_spacing=float(NEAR_PX), **look)
         return {'exact_db': psnr(of.render(samples=1, **look).rgb, reference), 'level_db': psnr(level.rgb, reference)}

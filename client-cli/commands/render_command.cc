@@ -345,8 +345,9 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFirstRequest(const RenderFlags& 
   request.set_allow_partial(flags.allow_partial);
   request.set_dataset_id(flags.dataset_id.value_or(""));
   request.set_with_notes(subject.has_notes);
-  // Only statistics show it.
-  request.set_with_unresolved_count(subject.has_unresolved && flags.stats.has_value());
+  // Only statistics show it, and counting reads what the picture need not.
+  request.set_with_unresolved_count(subject.has_unresolved && flags.stats.has_value() &&
+                                    !flags.has_no_measures);
   if (flags.is_jpeg() || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }

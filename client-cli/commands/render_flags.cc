@@ -192,7 +192,8 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
       "write statistics as JSON (- is standard output), and print them as tables; they have the "
       "area and the enclosed volume of each surface, which costs an export of it");
   set->AddSwitch("--no-measures", &flags->has_no_measures,
-                 "write the statistics of --stats without areas and volumes, which is faster");
+                 "write the statistics of --stats without areas, volumes and what a level hides, "
+                 "which is faster");
   AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
           "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
   AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,

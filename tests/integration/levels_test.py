@@ -139,6 +139,14 @@ class LevelsTest(unittest.TestCase):
     self.assertFalse(os.path.exists(self.path('no.png')))
     self.assertEqual(self.picture(dataset, '--max-spacing', '1000'), first)
 
+  def test_statistics_tell_what_a_level_hides_unless_measures_are_not_wanted(self):
+    dataset = self.partition('two', '--levels', '2')
+    for more in [], ['--no-measures']:
+      isoscope('render', dataset, *VIEW, '--level', '2', '--stats', self.path('s.json'), *more, '--output',
+               self.path('p.png'))
+      with open(self.path('s.json'), encoding='utf-8') as file:
+        self.assertEqual('unresolved_block_count' in json.load(file)['frames'][0], not more)
+
   def test_info_tells_what_a_frame_of_each_level_costs(self):
     def surfaces(dataset, *more):
       return json.loads(isoscope('info', dataset, '--isovalue', '128', '--json', *more).stdout)['measures']['surfaces']

@@ -126,6 +126,9 @@ TEST_F(ColorRangesTest, ARangeOfWhatIsVisibleIsThatOfThePartsInThePicture) {
   Start();
   v1::RenderIsosurfaceRequest request = Request(v1::ColorRange::SOURCE_VISIBLE);
   request.set_allow_partial(true);
+  // Bands that were drawn before others were refused are drawn again: only the first frame has those.
+  ISOSCOPE_ASSERT_OK(Render(request));
+  drawn_by_second_ = 0;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse whole, Render(request));
   EXPECT_GT(whole.statistics().band_count(), 4);
   EXPECT_EQ(whole.statistics().missing_shards_size(), 0);
