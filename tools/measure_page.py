@@ -198,7 +198,8 @@ def main():
     time.sleep(1)
     empty_mib = total(memory_mib(driver.process.pid))
     page, words = url.split('&dataset=')
-    browser.get(f'{page}#surface={flags.isovalue}&dataset={words.split("&")[0]}&fit=surface')
+    # The wait for the exact picture ends only without limits.
+    browser.get(f'{page}#surface={flags.isovalue}&dataset={words.split("&")[0]}&exact-limit=none,none&fit=surface')
     end = time.monotonic() + PATIENCE_S
     while not browser.execute_script('return window.isoscope && isoscope.view.isExact'):
       if time.monotonic() > end:
