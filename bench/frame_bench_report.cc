@@ -79,7 +79,7 @@ cli::Table FrameTable(absl::string_view volume, const FrameBenchResult& result) 
   if (has_levels) {
     header.emplace_back("level");
   }
-  cli::Table table(std::move(header));
+  cli::Table table(header);
   for (const FrameCase& of : result.cases) {
     std::vector<std::string> row = NamesOf(volume, of);
     row.insert(row.end(), {cli::FormatMilliseconds(of.first.wall_ms),
