@@ -27,11 +27,17 @@ PlacementQueue::PlacementQueue(const std::string& directory, const volume::Block
                                volume::ScalarType type, const PartitionPlan& plan)
     : layout_(layout), type_(type), plan_(plan), placements_(directory, plan.placement_bytes) {}
 
-absl::Status PlacementQueue::PlaceAll(const ShardMap& shards) {
+absl::Status PlacementQueue::PlaceAll(const ShardMap& shards, const LayerRange& layers) {
+  const math::Index3& dims = layout_.block_dims();
+  next_position_ = static_cast<std::uint32_t>(layers.begin * dims.y * dims.x);
+  if (layers.begin == layers.end) {
+    return placements_.Finish();
+  }
   // By shard: the placement of its next block.
   std::vector<Placement> next(static_cast<std::size_t>(shards.shard_count()));
-  for (store::BlocksInOrder blocks({.begin = {}, .end = layout_.block_dims()}); !blocks.is_at_end();
-       blocks.Next()) {
+  for (store::BlocksInOrder blocks(
+           {.begin = {0, 0, layers.begin}, .end = {dims.x, dims.y, layers.end}});
+       !blocks.is_at_end(); blocks.Next()) {
     const volume::BlockId id = layout_.IdOf(blocks.index());
     const std::uint16_t shard = shards.ShardOf(id);
     Placement& placement = next[shard];

@@ -61,8 +61,9 @@ class PlacementQueue {
   PlacementQueue(const std::string& directory, const volume::BlockLayout& layout,
                  volume::ScalarType type, const PartitionPlan& plan);
 
-  // Step 2 finds the placement of every block. Errors of the scratch file.
-  absl::Status PlaceAll(const ShardMap& shards);
+  // Step 2 finds the placement of every block of a slab, as if its shards held these blocks alone.
+  // Errors of the scratch file. REQUIRES: `layers` as PortionsOf.
+  absl::Status PlaceAll(const ShardMap& shards, const LayerRange& layers);
   // Takes the next blocks and their placements, as many as fit a batch.
   absl::Status Fill(store::BlocksInOrder* blocks, BlockBatch* batch);
 

@@ -245,6 +245,16 @@ std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan
          divide_up(layout.block_dims().y, plan.block_rows_per_portion);
 }
 
+PortionRange PortionsOf(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                        const LayerRange& layers) {
+  const std::int64_t bands =
+      (layout.block_dims().y + plan.block_rows_per_portion - 1) / plan.block_rows_per_portion;
+  const auto portions_below = [&](std::int64_t layer) {
+    return (layer + plan.layers_per_portion - 1) / plan.layers_per_portion * bands;
+  };
+  return {.begin = portions_below(layers.begin), .end = portions_below(layers.end)};
+}
+
 Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i) {
   const math::Index3& dims = layout.block_dims();
   const std::int64_t bands =

@@ -70,6 +70,24 @@ struct Portion {
   std::int64_t end_row = 0;
 };
 
+// Layers of blocks [begin, end): a slab of the volume.
+struct LayerRange {
+  std::int64_t begin = 0;
+  std::int64_t end = 0;
+
+  friend bool operator==(const LayerRange&, const LayerRange&) = default;
+};
+
+// Portions [begin, end).
+struct PortionRange {
+  std::int64_t begin = 0;
+  std::int64_t end = 0;
+};
+// Returns the portions of a slab. REQUIRES: it begins at a multiple of store::kCubeEdge layers, and
+// ends at one or with the volume.
+PortionRange PortionsOf(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                        const LayerRange& layers);
+
 std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan);
 // Returns portion i: ascending by layers, and in a layer by bands.
 Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i);

@@ -1,6 +1,7 @@
 #include "core/partition/shard_set.h"
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "absl/functional/function_ref.h"
@@ -9,6 +10,8 @@
 #include "oneapi/tbb/parallel_for.h"
 
 #include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
@@ -127,6 +130,62 @@ absl::StatusOr<store::ShardSummary> ShardSet::FinishShard(std::size_t shard,
       io::WriteWholeFile(absl::StrCat(directories_[shard], "/", store::kHistogramFileName),
                          store::EncodeHistogram(type_, histograms.Get(static_cast<int>(shard)))));
   return summary;
+}
+
+absl::StatusOr<std::vector<store::ShardPiece>> ShardSet::FinishPieces(
+    const HistogramBuilder& histograms, store::BlockEncoding compression,
+    const base::Cancellation& cancellation) {
+  ISOSCOPE_RETURN_IF_ERROR(entries_.Finish());
+  std::vector<store::ShardPiece> pieces;
+  for (std::size_t shard = 0; shard < directories_.size(); ++shard) {
+    ISOSCOPE_ASSIGN_OR_RETURN(store::ShardPiece piece,
+                              FinishPiece(shard, histograms, cancellation));
+    if (piece.summary.block_count > 0 && compression != store::BlockEncoding::kRaw) {
+      ISOSCOPE_ASSIGN_OR_RETURN(piece.summary,
+                                Compress(shard, piece.summary, compression, cancellation));
+    }
+    if (piece.summary.block_count > 0) {
+      ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directories_[shard]));
+    }
+    pieces.push_back(piece);
+  }
+  return pieces;
+}
+
+// Takes the entries of the shard, which come next.
+absl::StatusOr<store::ShardPiece> ShardSet::FinishPiece(std::size_t shard,
+                                                        const HistogramBuilder& histograms,
+                                                        const base::Cancellation& cancellation) {
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  if (entries_.is_at_end() || entries_.current().shard != shard) {
+    writers_[shard].reset();
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(directories_[shard]));
+    return store::ShardPiece{};
+  }
+  store::ShardPiece piece;
+  store::ShardWriter& writer = *writers_[shard];
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<io::WritableFile> spans,
+      io::CreateWritableFile(absl::StrCat(directories_[shard], "/", store::kSpansFileName)));
+  for (; !entries_.is_at_end() && entries_.current().shard == shard;) {
+    const Entry& entry = entries_.current();
+    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(entry.id, entry.crc32c));
+    std::array<char, store::kSpanBytes> span{};
+    base::StoreLittleEndian(entry.span.min, span.data());
+    base::StoreLittleEndian(entry.span.max, span.data() + sizeof(double));
+    piece.spans_crc32c = base::ExtendCrc32c(piece.spans_crc32c, span.data(), span.size());
+    ISOSCOPE_RETURN_IF_ERROR(spans->Append({span.data(), span.size()}));
+    ISOSCOPE_RETURN_IF_ERROR(entries_.Advance());
+  }
+  ISOSCOPE_RETURN_IF_ERROR(spans->Close());
+  ISOSCOPE_ASSIGN_OR_RETURN(piece.summary, writer.Finish());
+  writers_[shard].reset();  // frees its buffers
+  const std::string histogram =
+      store::EncodeHistogram(type_, histograms.Get(static_cast<int>(shard)));
+  piece.histogram_crc32c = base::Crc32c(histogram);
+  ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
+      absl::StrCat(directories_[shard], "/", store::kHistogramFileName), histogram));
+  return piece;
 }
 
 // Takes the memory that the shard's tree was built in.

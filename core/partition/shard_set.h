@@ -20,6 +20,7 @@
 #include "core/partition/histogram_builder.h"
 #include "core/partition/partition_plan.h"
 #include "core/store/manifest.h"
+#include "core/store/part_file.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "core/volume/block_layout.h"
@@ -45,6 +46,12 @@ class ShardSet {
                                                           store::BlockEncoding compression,
                                                           const base::Cancellation& cancellation);
 
+  // The same for the blocks of one slab: without the interval tree, which the whole shard has, but
+  // with spans.bin. A shard without blocks loses its folder.
+  absl::StatusOr<std::vector<store::ShardPiece>> FinishPieces(
+      const HistogramBuilder& histograms, store::BlockEncoding compression,
+      const base::Cancellation& cancellation);
+
   [[nodiscard]] const std::vector<std::string>& directories() const { return directories_; }
 
  private:
@@ -63,6 +70,9 @@ class ShardSet {
   };
   static_assert(sizeof(Entry) == kEntryBytesPerBlock);
 
+  absl::StatusOr<store::ShardPiece> FinishPiece(std::size_t shard,
+                                                const HistogramBuilder& histograms,
+                                                const base::Cancellation& cancellation);
   absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard,
                                                   const HistogramBuilder& histograms,
                                                   const base::Cancellation& cancellation);

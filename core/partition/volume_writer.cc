@@ -148,11 +148,41 @@ std::int64_t VolumeWriter::PassBytes(const source::SourceInfo& info) {
 absl::StatusOr<store::Manifest> VolumeWriter::Write(const std::string& directory,
                                                     const std::string& name,
                                                     LevelSpool* next_level) {
+  ISOSCOPE_RETURN_IF_ERROR(
+      WriteLayers(directory, {.begin = 0, .end = layout_.block_dims().z}, next_level));
+  return Finish(name);
+}
+
+absl::StatusOr<SlabSummary> VolumeWriter::WriteSlab(const std::string& directory,
+                                                    const LayerRange& layers,
+                                                    LevelSpool* next_level) {
+  pass_bytes_ = static_cast<std::int64_t>(static_cast<double>(pass_bytes_) *
+                                          static_cast<double>(layers.end - layers.begin) /
+                                          static_cast<double>(layout_.block_dims().z));
+  progress_.total_bytes = pass_bytes_;
+  ISOSCOPE_RETURN_IF_ERROR(WriteLayers(directory, layers, next_level));
+  SlabSummary summary{.shards = {},
+                      .ranges_crc32c = 0,
+                      .value_range = value_range_,
+                      .finite_range = cutter_->histograms().finite_range(),
+                      .max_gradient_magnitude = cutter_->max_gradient_magnitude(),
+                      .digest_sum = samples_digest_.sum()};
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      summary.shards,
+      shards_->FinishPieces(cutter_->histograms(), options_.compression, cancellation_));
+  ISOSCOPE_ASSIGN_OR_RETURN(summary.ranges_crc32c, range_writer_->Finish());
+  cutter_.reset();
+  shards_.reset();
+  return summary;
+}
+
+absl::Status VolumeWriter::WriteLayers(const std::string& directory, const LayerRange& layers,
+                                       LevelSpool* next_level) {
   PortionReader reader(&source_, layout_, plan_, directory, &cancellation_);
   ISOSCOPE_ASSIGN_OR_RETURN(const ShardMap map, DealOut(&reader));
   progress_.phase = "writing blocks";
   placements_.emplace(directory, layout_, type_, plan_);
-  ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map));
+  ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map, layers));
   shards_.emplace(directory, layout_, type_, plan_);
   ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
@@ -166,22 +196,24 @@ absl::StatusOr<store::Manifest> VolumeWriter::Write(const std::string& directory
     }
     return WriteBlocks(slab, portion);
   };
-  ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, visit));
+  ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, layers, visit));
   batches_ = {};
   placements_.reset();
   progress_.phase = "building index";
   Report();
-  return Finish(name);
+  return absl::OkStatus();
 }
 
 absl::Status VolumeWriter::Pass(
-    PortionReader* reader, absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit) {
+    PortionReader* reader, const LayerRange& layers,
+    absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit) {
   const std::int64_t done_before = progress_.done_bytes;
-  ISOSCOPE_RETURN_IF_ERROR(reader->ForEachPortion(visit, [&](double share) {
-    progress_.done_bytes =
-        done_before + static_cast<std::int64_t>(static_cast<double>(pass_bytes_) * share);
-    Report();
-  }));
+  ISOSCOPE_RETURN_IF_ERROR(
+      reader->ForEachPortion(PortionsOf(layout_, plan_, layers), visit, [&](double share) {
+        progress_.done_bytes =
+            done_before + static_cast<std::int64_t>(static_cast<double>(pass_bytes_) * share);
+        Report();
+      }));
   progress_.done_bytes = done_before + pass_bytes_;
   Report();
   return absl::OkStatus();
@@ -200,10 +232,11 @@ absl::StatusOr<ShardMap> VolumeWriter::DealOut(PortionReader* reader) {
   }
   progress_.phase = "reading ranges";
   volume::RangeTable ranges(type_, layout_.block_count());
-  ISOSCOPE_RETURN_IF_ERROR(Pass(reader, [&](const Slab& slab, const Portion& portion) {
-    FindSpans(layout_, type_, slab, portion, &ranges);
-    return absl::OkStatus();
-  }));
+  ISOSCOPE_RETURN_IF_ERROR(Pass(reader, {.begin = 0, .end = layout_.block_dims().z},
+                                [&](const Slab& slab, const Portion& portion) {
+                                  FindSpans(layout_, type_, slab, portion, &ranges);
+                                  return absl::OkStatus();
+                                }));
   return ShardMap::Greedy(ranges, options_.shard_count);
 }
 
