@@ -38,8 +38,12 @@ namespace {
 
 // Portions of several layers take at most this, even if the limit allows more.
 constexpr std::int64_t kMaxPortionBytes = base::kGiB;
-constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
-// Lists of both batches: ids, offsets, order, placements, spans and checksums of 8192 blocks.
+// The writer takes batches from a short queue, so that neither it nor the cutter waits for single
+// ones.
+constexpr std::int64_t kBatchBytes = 2 * base::kMiB;
+constexpr std::int64_t kBatchesBytes = 8 * base::kMiB;
+constexpr std::int64_t kMaxBatchCount = 4;
+// Lists of all batches: ids, placements, offsets, spans and checksums of 4 * 4096 blocks.
 constexpr std::int64_t kBatchTableBytes = 3 * base::kMiB / 2;
 constexpr std::int64_t kBatchTableBytesPerBlock = 128;
 
@@ -103,6 +107,8 @@ class Planner {
     plan_.batch_bytes =
         std::max(max_block_bytes, std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes,
                                             layout.block_count() * max_block_bytes}));
+    plan_.batch_count =
+        std::clamp<std::int64_t>(kBatchesBytes / plan_.batch_bytes, 2, kMaxBatchCount);
   }
 
   [[nodiscard]] const PartitionPlan& plan() const { return plan_; }
@@ -180,7 +186,7 @@ class Planner {
     const std::int64_t dealing = range_bytes + (is_greedy_ ? kDealingBytesPerBlock * blocks : 0);
     const std::int64_t writing = dealt_bytes + plan_.placement_bytes + plan_.entry_bytes +
                                  portions + portion_range_bytes + histogram_bytes + file_bytes +
-                                 2 * plan_.batch_bytes +
+                                 plan_.batch_count * plan_.batch_bytes +
                                  std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
     const std::int64_t indexing = dealt_bytes + histogram_bytes + plan_.entry_bytes +
                                   plan_.tree_bytes + file_bytes + plan_.file_buffer_bytes +

@@ -25,7 +25,8 @@ struct PartitionPlan {
   // The next portion is read while this one is cut.
   bool is_double_buffered = false;
   std::int64_t portion_bytes = 0;  // samples of the largest portion
-  std::int64_t batch_bytes = 0;    // blocks cut before they are written; there are two batches
+  std::int64_t batch_bytes = 0;    // blocks cut before they are written
+  std::int64_t batch_count = 0;    // one is cut, and others are written
   // Memory of the sorters, which spill to disk beyond it.
   std::int64_t placement_bytes = 0;    // placements of all blocks
   std::int64_t entry_bytes = 0;        // spans and checksums of all blocks
@@ -43,7 +44,7 @@ struct PartitionPlan {
 absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout);
 
 // The most blocks of a batch.
-inline constexpr std::int64_t kMaxBatchBlocks = 8192;
+inline constexpr std::int64_t kMaxBatchBlocks = 4096;
 
 // Sizes of the records that are sorted, one of each for each block.
 inline constexpr std::int64_t kPlacementBytesPerBlock = 24;

@@ -7,6 +7,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 #include "oneapi/tbb/parallel_for.h"
 
 #include "core/base/check.h"
@@ -50,36 +51,48 @@ absl::Status ShardSet::Create(int shard_count) {
 }
 
 absl::Status ShardSet::Write(BlockBatch* batch) {
-  std::vector<std::size_t> begins;  // in `order`: the first block of each shard, and the end
-  for (std::size_t i = 0; i < batch->order.size(); ++i) {
+  std::vector<std::size_t> begins;  // the first block of each shard, and the end
+  for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
     if (i == 0 || batch->ShardAt(i) != batch->ShardAt(i - 1)) {
       begins.push_back(i);
     }
   }
-  begins.push_back(batch->order.size());
-  batch->crcs.resize(batch->ids.size());
+  begins.push_back(batch->blocks.size());
   std::vector<absl::Status> statuses(begins.size() - 1);
   tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t k) {
-    store::ShardWriter& writer = *writers_[batch->ShardAt(begins[k])];
-    for (std::size_t i = begins[k]; i < begins[k + 1] && statuses[k].ok(); ++i) {
-      const std::size_t at = batch->order[i];
-      const absl::StatusOr<std::uint32_t> crc32c =
-          writer.WriteBlock(batch->ids[at], batch->placements[at].offset,
-                            absl::string_view(batch->bytes.data() + batch->offsets[at],
-                                              batch->offsets[at + 1] - batch->offsets[at]));
-      statuses[k] = crc32c.status();
-      batch->crcs[at] = crc32c.value_or(0);
-    }
+    statuses[k] = WriteOfShard(begins[k], begins[k + 1], batch);
   });
   for (const absl::Status& status : statuses) {
     ISOSCOPE_RETURN_IF_ERROR(status);
   }
-  for (std::size_t i = 0; i < batch->ids.size(); ++i) {
+  for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
+    const auto& [placement, id] = batch->blocks[i];
     ISOSCOPE_RETURN_IF_ERROR(entries_.Add({.span = batch->spans[i],
-                                           .id = batch->ids[i],
-                                           .ordinal = batch->placements[i].ordinal,
+                                           .id = id,
+                                           .ordinal = placement.ordinal,
                                            .crc32c = batch->crcs[i],
-                                           .shard = batch->placements[i].shard}));
+                                           .shard = placement.shard}));
+  }
+  return absl::OkStatus();
+}
+
+// Blocks with successive ordinals are neighbours in the batch and in the file: one write for them.
+absl::Status ShardSet::WriteOfShard(std::size_t begin, std::size_t end, BlockBatch* batch) {
+  store::ShardWriter& writer = *writers_[batch->ShardAt(begin)];
+  for (std::size_t first = begin; first < end;) {
+    std::size_t last = first;
+    std::vector<volume::BlockId> ids;
+    do {
+      ids.push_back(batch->blocks[last].id);
+      ++last;
+    } while (last < end && batch->blocks[last].placement.ordinal ==
+                               batch->blocks[last - 1].placement.ordinal + 1);
+    ISOSCOPE_RETURN_IF_ERROR(
+        writer.WriteBlocks(ids, batch->blocks[first].placement.offset,
+                           absl::string_view(batch->bytes.data() + batch->offsets[first],
+                                             batch->offsets[last] - batch->offsets[first]),
+                           absl::MakeSpan(batch->crcs).subspan(first, last - first)));
+    first = last;
   }
   return absl::OkStatus();
 }

@@ -70,6 +70,8 @@ class ShardSet {
   };
   static_assert(sizeof(Entry) == kEntryBytesPerBlock);
 
+  // Writes blocks [begin, end) of a batch, all of one shard.
+  absl::Status WriteOfShard(std::size_t begin, std::size_t end, BlockBatch* batch);
   absl::StatusOr<store::ShardPiece> FinishPiece(std::size_t shard,
                                                 const HistogramBuilder& histograms,
                                                 const base::Cancellation& cancellation);

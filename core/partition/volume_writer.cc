@@ -26,7 +26,7 @@
 // Their placements have the ordinals 0, 0, 1 and the offsets 0, 0, 100. If C is cut before B, its
 // position is the lower one, and C is written first.
 //
-// The next portion is read, a batch is cut and the batch before it is written at the same time.
+// The next portion is read, a batch is cut and the batches before it are written at the same time.
 //
 // Invariants: the placement taken next has the position that counts the blocks cut so far; the
 // entries of a shard have the ordinals 0, 1, 2, ...; the bytes depend on source and options alone.
@@ -47,7 +47,6 @@
 #include "absl/strings/str_format.h"
 #include "oneapi/tbb/enumerable_thread_specific.h"
 #include "oneapi/tbb/parallel_for.h"
-#include "oneapi/tbb/task_group.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
@@ -185,6 +184,7 @@ absl::Status VolumeWriter::WriteLayers(const std::string& directory, const Layer
   ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map, layers));
   shards_.emplace(directory, layout_, type_, plan_);
   ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count));
+  batch_writer_.emplace(&*shards_, static_cast<std::size_t>(plan_.batch_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
                             store::RangeTableWriter::Create(
                                 absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
@@ -197,7 +197,8 @@ absl::Status VolumeWriter::WriteLayers(const std::string& directory, const Layer
     return WriteBlocks(slab, portion);
   };
   ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, layers, visit));
-  batches_ = {};
+  ISOSCOPE_RETURN_IF_ERROR(batch_writer_->Finish());
+  batch_writer_.reset();
   placements_.reset();
   progress_.phase = "building index";
   Report();
@@ -240,8 +241,7 @@ absl::StatusOr<ShardMap> VolumeWriter::DealOut(PortionReader* reader) {
   return ShardMap::Greedy(ranges, options_.shard_count);
 }
 
-// Step 3 cuts and writes the blocks of a portion in batches: one batch is cut, in parallel, while
-// the one before is written.
+// Step 3 cuts the blocks of a portion in batches, in parallel, while those before are written.
 absl::Status VolumeWriter::WriteBlocks(const Slab& slab, const Portion& portion) {
   store::BlocksInOrder blocks(BlocksOfPortion(layout_, portion));
   // The ids of a portion's blocks are consecutive.
@@ -249,27 +249,16 @@ absl::Status VolumeWriter::WriteBlocks(const Slab& slab, const Portion& portion)
   volume::RangeTable ranges(type_, (portion.end_layer - portion.begin_layer) *
                                        (portion.end_row - portion.begin_row) *
                                        layout_.block_dims().x);
-  absl::Status written;
-  tbb::task_group writing;
-  for (std::size_t turn = 0; !blocks.is_at_end(); turn = 1 - turn) {
-    BlockBatch& batch = batches_[turn];
-    absl::Status status = cancellation_.Check();
-    if (status.ok()) {
-      status = placements_->Fill(&blocks, &batch);
+  while (!blocks.is_at_end()) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    ISOSCOPE_ASSIGN_OR_RETURN(BlockBatch* const batch, batch_writer_->Take());
+    ISOSCOPE_RETURN_IF_ERROR(placements_->Fill(&blocks, batch));
+    cutter_->Cut(slab, batch);
+    for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
+      ranges.Set(batch->blocks[i].id - first_id, batch->spans[i]);
     }
-    if (status.ok()) {
-      cutter_->Cut(slab, &batch);
-      for (std::size_t i = 0; i < batch.ids.size(); ++i) {
-        ranges.Set(batch.ids[i] - first_id, batch.spans[i]);
-      }
-    }
-    writing.wait();  // also before an error is returned
-    ISOSCOPE_RETURN_IF_ERROR(status);
-    ISOSCOPE_RETURN_IF_ERROR(written);
-    writing.run([this, &written, &batch] { written = shards_->Write(&batch); });
+    batch_writer_->Write(batch);
   }
-  writing.wait();
-  ISOSCOPE_RETURN_IF_ERROR(written);
   const volume::ScalarSpan total = ranges.Total();
   value_range_.min = std::min(value_range_.min, total.min);
   value_range_.max = std::max(value_range_.max, total.max);

@@ -16,6 +16,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
+#include "core/partition/batch_writer.h"
 #include "core/partition/block_batch.h"
 #include "core/partition/distribution.h"
 #include "core/partition/level_spool.h"
@@ -90,9 +91,9 @@ class VolumeWriter {
 
   PartitionProgress progress_;
   std::optional<PlacementQueue> placements_;
-  std::array<BlockBatch, 2> batches_;
   std::optional<BatchCutter> cutter_;
   std::optional<ShardSet> shards_;
+  std::optional<BatchWriter> batch_writer_;  // after shards_: it uses them
   std::unique_ptr<store::RangeTableWriter> range_writer_;
   volume::ScalarSpan value_range_;  // of the portions so far
   SamplesDigest samples_digest_;    // of the portions so far
