@@ -24,6 +24,7 @@
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -420,6 +421,30 @@ TEST_F(RefineTest, WithTheSameLimitsTheToldCameraMakesAPictureOfItsOwn) {
   request.clear_camera_fit();
   *request.mutable_camera() = deferred.coarse[0].frame().camera();
   EXPECT_EQ(viewer.ReadAll(viewer.Send(request, limited)).coarse.size(), 1U);
+}
+
+// The limit is lowered while the coarse frame is drawn. Should that be too late, nothing is deferred.
+TEST_F(RefineTest, UnderALoweredLimitTheViewIsToldWhatItsLevelHides) {
+  Start();
+  Viewer viewer(cluster_->address());
+  v1::RenderIsosurfaceRequest request = FrameOf(0);
+  request.set_isovalue(117);  // of which nothing is known
+  ASSERT_NO_FATAL_FAILURE(MakeSlow(&viewer, request));
+  request.set_with_unresolved_count(true);
+  const std::int64_t first = viewer.Send(request, All());
+  absl::SleepFor(absl::Milliseconds(6));
+  v1::Refinement limited = All();
+  limited.set_max_exact_bytes(1);
+  viewer.Send(request, limited);
+  const Answers answers = viewer.ReadAll(first);
+  ASSERT_TRUE(answers.last.has_value());
+  ASSERT_FALSE(answers.last->has_error()) << answers.last->error().message();
+  if (answers.last->has_exact_deferred()) {
+    ASSERT_FALSE(answers.coarse.empty());
+    const v1::RenderIsosurfaceResponse& shown = answers.coarse.back().frame();
+    EXPECT_TRUE(shown.statistics().has_unresolved_block_count());
+    EXPECT_EQ(shown.drawn_level().level(), answers.coarse[0].frame().drawn_level().level());
+  }
 }
 
 TEST_F(RefineTest, TheCoarseFrameAtRestHasAHigherQualityThanMovingViews) {
