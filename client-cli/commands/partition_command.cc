@@ -329,7 +329,7 @@ absl::Status FinishParts(const PartitionFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-// What agents do that serve a dataset meanwhile: those of a series read its manifest again (partition-agent/shard).
+// What agents do that serve a dataset meanwhile: those of a series read its manifest again.
 std::string WordOnAgents(const std::string& directory, bool are_added) {
   if (store::IsSeriesDirectory(directory)) {
     return are_added ? "; agents that serve it find them by themselves" : "";
