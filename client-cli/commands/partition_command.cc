@@ -329,13 +329,23 @@ absl::Status FinishParts(const PartitionFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
+// What agents do that serve a dataset meanwhile: those of a series read its manifest again.
+std::string WordOnAgents(const std::string& directory, bool are_added) {
+  if (store::IsSeriesDirectory(directory)) {
+    return are_added ? "; agents that serve it find them by themselves" : "";
+  }
+  return are_added ? "; agents that serve it show them after a restart"
+                   : "; agents that serve it show those that it had until a restart";
+}
+
 // --add-levels and --drop-levels.
 absl::Status ChangeLevels(const PartitionFlags& flags, const Context& context) {
   const base::MonotonicTime start = base::MonotonicNow();
   if (flags.drop_levels) {
     ISOSCOPE_RETURN_IF_ERROR(
         partition::DropLevels(*flags.drop_levels, context.interrupt->cancellation()));
-    *context.out << base::Printable(*flags.drop_levels) << ": has no levels\n";
+    *context.out << base::Printable(*flags.drop_levels) << ": has no levels"
+                 << WordOnAgents(*flags.drop_levels, /*are_added=*/false) << "\n";
     return absl::OkStatus();
   }
   partition::AddLevelsOptions options;
@@ -346,7 +356,8 @@ absl::Status ChangeLevels(const PartitionFlags& flags, const Context& context) {
   *context.out << base::Printable(*flags.add_levels) << ": "
                << (highest > 0 ? absl::StrCat("has levels 1 to ", highest)
                                : "has no levels: it is too small for --levels auto")
-               << ", in " << FormatElapsed(base::MonotonicNow() - start) << "\n";
+               << ", in " << FormatElapsed(base::MonotonicNow() - start)
+               << (highest > 0 ? WordOnAgents(*flags.add_levels, /*are_added=*/true) : "") << "\n";
   return absl::OkStatus();
 }
 

@@ -423,6 +423,17 @@ TEST(CommandTest, LongHelpShowsWhatIsCommonAndHelpAllTheRest) {
   EXPECT_EQ(RunCli({"render", "--no-such-flag", "--help-all"}).out, all) << "as --help, it wins";
 }
 
+// Symptom: the statistics of a quick picture of a level took minutes.
+TEST(CommandTest, HelpSaysWhatMeasuresOfAPictureCost) {
+  const std::string help = absl::StrJoin(absl::StrSplit(RunCli({"render", "--help-all"}).out,
+                                                        absl::ByAnyChar(" \n"), absl::SkipEmpty()),
+                                         " ");
+  const std::string of_stats = help.substr(help.find("--stats FILE|- "), 400);
+  EXPECT_THAT(of_stats, HasSubstr("at level 0, whatever level is drawn"));
+  EXPECT_THAT(of_stats, HasSubstr("as long as an export"));
+  EXPECT_THAT(help, HasSubstr("without areas and volumes, which are of level 0 and take as long"));
+}
+
 TEST(CommandTest, WordsForShellsAreOfFlagsThatExist) {
   const Program program = IsoscopeProgram();
   const ProgramDescription description = DescribeProgram(program);
