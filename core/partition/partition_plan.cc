@@ -27,6 +27,7 @@
 
 #include "absl/strings/str_format.h"
 
+#include "core/base/memory_info.h"
 #include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/partition/histogram_builder.h"
@@ -207,6 +208,26 @@ class Planner {
 };
 
 }  // namespace
+
+std::int64_t StoredBytes(const volume::BlockLayout& layout, volume::ScalarType type,
+                         std::int64_t begin_layer, std::int64_t end_layer) {
+  // Extents along an axis do not depend on the other axes.
+  const auto sum = [&](int axis, std::int64_t begin, std::int64_t end) {
+    std::int64_t samples = 0;
+    for (std::int64_t i = begin; i < end; ++i) {
+      math::Index3 index{};
+      index[axis] = i;
+      samples += layout.StoredSamplesOf(layout.IdOf(index)).dims()[axis];
+    }
+    return samples;
+  };
+  return sum(0, 0, layout.block_dims().x) * sum(1, 0, layout.block_dims().y) *
+         sum(2, begin_layer, end_layer) * static_cast<std::int64_t>(volume::SizeOf(type));
+}
+
+std::int64_t CachedBytes() {
+  return std::max(static_cast<std::int64_t>(base::UsableBytes() / 8), std::int64_t{base::kGiB});
+}
 
 absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
                                             volume::ScalarType type, int shard_count,

@@ -40,6 +40,15 @@ struct PartitionPlan {
   }
 };
 
+// Returns the bytes of all blocks of some layers as they are stored, ghost samples included.
+std::int64_t StoredBytes(const volume::BlockLayout& layout, volume::ScalarType type,
+                         std::int64_t begin_layer, std::int64_t end_layer);
+
+// Returns the most bytes of blocks that go through the page cache by default: an eighth of the
+// memory that this process may use, at least 1 GiB. The cache keeps these for the first frames. It
+// would not keep more, and a copy of them takes longer than many a disk.
+std::int64_t CachedBytes();
+
 // INVALID_ARGUMENT unless each shard gets a block, and there are at most kMaxShardCount.
 absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout);
 

@@ -14,6 +14,7 @@
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
 #include "core/store/histogram_file.h"
@@ -23,6 +24,8 @@ namespace isoscope::partition {
 namespace {
 
 constexpr std::uint32_t kBlocksBetweenChecks = 1 << 16;
+// Smaller writes past the page cache take longer than copies into it.
+constexpr std::int64_t kMinDirectBytes = 256 * base::kKiB;
 
 }  // namespace
 
@@ -34,17 +37,19 @@ ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layo
       plan_(plan),
       entries_(directory, plan.entry_bytes) {}
 
-absl::Status ShardSet::Create(int shard_count) {
+absl::Status ShardSet::Create(int shard_count, bool is_direct) {
+  const auto buffer_bytes = static_cast<std::size_t>(plan_.file_buffer_bytes);
+  const auto create_file = is_direct && plan_.file_buffer_bytes >= kMinDirectBytes
+                               ? io::CreateDirectFile
+                               : io::CreateBufferedFile;
   for (int shard = 0; shard < shard_count; ++shard) {
     directories_.push_back(
         absl::StrCat(directory_, "/", store::ShardDirectoryName(shard, shard_count)));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        std::unique_ptr<store::ShardWriter> writer,
-        store::ShardWriter::Create(directories_.back(), layout_, type_,
-                                   [this](const std::string& path) {
-                                     return io::CreateBufferedFile(
-                                         path, static_cast<std::size_t>(plan_.file_buffer_bytes));
-                                   }));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardWriter> writer,
+                              store::ShardWriter::Create(directories_.back(), layout_, type_,
+                                                         [&](const std::string& path) {
+                                                           return create_file(path, buffer_bytes);
+                                                         }));
     writers_.push_back(std::move(writer));
   }
   return absl::OkStatus();

@@ -35,8 +35,9 @@ class ShardSet {
   ShardSet(const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
            const PartitionPlan& plan);
 
-  // Creates the folders and the files of blocks.
-  absl::Status Create(int shard_count);
+  // Creates the folders and the files of blocks. is_direct: past the page cache, if the plan's
+  // buffers are large enough for that
+  absl::Status Create(int shard_count, bool is_direct);
   // Writes the blocks of a batch that was cut, those of a shard by one thread in the order of its
   // file, so that neighbours are written together.
   absl::Status Write(BlockBatch* batch);

@@ -183,7 +183,11 @@ absl::Status VolumeWriter::WriteLayers(const std::string& directory, const Layer
   placements_.emplace(directory, layout_, type_, plan_);
   ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map, layers));
   shards_.emplace(directory, layout_, type_, plan_);
-  ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count));
+  // Compression reads the blocks again at once.
+  const bool is_direct = options_.compression == store::BlockEncoding::kRaw &&
+                         StoredBytes(layout_, type_, layers.begin, layers.end) >
+                             options_.max_cached_bytes.value_or(CachedBytes());
+  ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count, is_direct));
   batch_writer_.emplace(&*shards_, static_cast<std::size_t>(plan_.batch_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
                             store::RangeTableWriter::Create(

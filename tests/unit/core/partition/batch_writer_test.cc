@@ -10,6 +10,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/cancellation.h"
+#include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/store/shard_format.h"
 #include "core/volume/block_samples.h"
@@ -51,7 +53,7 @@ class BatchWriterTest : public ::testing::Test {
   }
   [[nodiscard]] std::string WrittenBytes() const {
     return io::ReadWholeFile(
-               absl::StrCat(shards_.directories().front(), "/", store::kBlocksFileName))
+               absl::StrCat(shards_.directories().front(), "/", store::kBlocksFileName), base::kGiB)
         .value();
   }
 
@@ -64,7 +66,7 @@ class BatchWriterTest : public ::testing::Test {
 };
 
 TEST_F(BatchWriterTest, AllBatchesAreWrittenWhereTheirBlocksBelong) {
-  ISOSCOPE_ASSERT_OK(shards_.Create(1));
+  ISOSCOPE_ASSERT_OK(shards_.Create(1, false));
   std::string expected;
   for (volume::BlockId id = 0; id < 20; ++id) {
     expected.append(volume::StoredSizeBytes(layout_, id, type_), static_cast<char>(id));
@@ -89,7 +91,7 @@ TEST_F(BatchWriterTest, AllBatchesAreWrittenWhereTheirBlocksBelong) {
 }
 
 TEST_F(BatchWriterTest, TheFirstErrorEndsItAndIsToldToAll) {
-  ISOSCOPE_ASSERT_OK(shards_.Create(1));
+  ISOSCOPE_ASSERT_OK(shards_.Create(1, false));
   BatchWriter writer(&shards_, 2);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(BlockBatch* const wrong, writer.Take());
   Set({0, 1}, wrong);
@@ -102,7 +104,7 @@ TEST_F(BatchWriterTest, TheFirstErrorEndsItAndIsToldToAll) {
 
 // Would hang, or touch shards that are gone.
 TEST_F(BatchWriterTest, ItMayEndWithBatchesThatWereTakenOrWait) {
-  ISOSCOPE_ASSERT_OK(shards_.Create(1));
+  ISOSCOPE_ASSERT_OK(shards_.Create(1, false));
   for (int round = 0; round < 50; ++round) {
     BatchWriter writer(&shards_, 4);
     for (volume::BlockId id = 0; id < 3; ++id) {
