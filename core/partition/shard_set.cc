@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/functional/function_ref.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/types/span.h"
@@ -39,17 +40,19 @@ ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layo
 
 absl::Status ShardSet::Create(int shard_count, bool is_direct) {
   const auto buffer_bytes = static_cast<std::size_t>(plan_.file_buffer_bytes);
-  const auto create_file = is_direct && plan_.file_buffer_bytes >= kMinDirectBytes
-                               ? io::CreateDirectFile
-                               : io::CreateBufferedFile;
+  const bool are_blocks_direct = is_direct && plan_.file_buffer_bytes >= kMinDirectBytes;
   for (int shard = 0; shard < shard_count; ++shard) {
     directories_.push_back(
         absl::StrCat(directory_, "/", store::ShardDirectoryName(shard, shard_count)));
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardWriter> writer,
-                              store::ShardWriter::Create(directories_.back(), layout_, type_,
-                                                         [&](const std::string& path) {
-                                                           return create_file(path, buffer_bytes);
-                                                         }));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<store::ShardWriter> writer,
+        store::ShardWriter::Create(directories_.back(), layout_, type_,
+                                   [buffer_bytes, are_blocks_direct](const std::string& path) {
+                                     return are_blocks_direct &&
+                                                    absl::EndsWith(path, store::kBlocksFileName)
+                                                ? io::CreateDirectFile(path, buffer_bytes)
+                                                : io::CreateBufferedFile(path, buffer_bytes);
+                                   }));
     writers_.push_back(std::move(writer));
   }
   return absl::OkStatus();

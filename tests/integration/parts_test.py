@@ -19,6 +19,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
@@ -253,27 +254,64 @@ class PartsTest(unittest.TestCase):
       self.finish()
       self.assertEqual(self.joined(), expected)
 
+  def killed(self, moment_s, *arguments):
+    """Runs a command and kills it after some time. False if it had ended before."""
+    process = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'partition', *arguments, '--quiet'],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+      _, said = process.communicate(timeout=moment_s)
+    except subprocess.TimeoutExpired:
+      process.kill()
+      process.communicate(timeout=PATIENCE_S)
+      return True
+    self.assertEqual(process.returncode, 0, said)
+    return False
+
+  def kill_at_random(self, moments, source, count, cut, kills):
+    """Cuts one dataset in parts; `kills` of the processes that do so are killed. Returns how many were."""
+    shutil.rmtree(self.path('many'), ignore_errors=True)
+    os.makedirs(self.path('many'))
+    done = 0
+    begin = time.monotonic()
+    self.part(source, 0, count, *cut, parent='timed')
+    part_s = time.monotonic() - begin
+    shutil.rmtree(self.path('timed'))
+    # Two thirds of them are parts, the same ones again and again.
+    for _ in range(max(kills - kills // 3, 1)):
+      index = moments.randrange(count)
+      done += self.killed(moments.uniform(0, part_s), source, '--part', f'{index}/{count}', '--output',
+                          self.path('many', 'd'), *cut)
+    for index in moments.sample(range(count), count):
+      self.part(source, index, count, *cut)
+    begin = time.monotonic()
+    shutil.copytree(self.path('many'), self.path('timed'))
+    self.finish('timed')
+    finish_s = time.monotonic() - begin
+    shutil.rmtree(self.path('timed'))
+    for _ in range(kills // 3):
+      if not self.killed(moments.uniform(0, finish_s), '--finish', self.path('many', 'd')):
+        return done  # it has ended
+      done += 1
+    self.finish()
+    return done
+
   def test_parts_that_are_killed_at_random_moments_end_in_the_same_bytes(self):
-    volume = self.volume(dims='48,44,50')
+    # scripts/soak.sh --parts sets both.
+    wanted = int(os.environ.get('ISOSCOPE_SOAK_KILLS', '6'))
+    seed = int(os.environ.get('ISOSCOPE_SOAK_SEED', '46'))
+    moments = random.Random(seed)
+    volume = self.volume(dims='24,22,202')  # 67 layers of blocks: 17 slabs
+    isoscope('generate', 'flow', '--dims', '12,11,70', '--steps', '2', '--output', self.path('flow.pvd'), '--quiet')
     cut = ['--shards', '2', '--block-cells', '3', '--levels', '1']
-    expected = self.one(volume, *cut)
-    moments = random.Random(46)
-    for _ in range(3):
-      for index in range(3):
-        for _ in range(4):
-          os.makedirs(self.path('many'), exist_ok=True)
-          process = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'partition', volume, '--part', f'{index}/3',
-                                      '--output', self.path('many', 'd'), '--quiet', *cut],
-                                     stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-          try:
-            process.wait(timeout=moments.uniform(0.005, 0.25))
-          except subprocess.TimeoutExpired:
-            process.kill()
-          process.wait()
-        self.part(volume, index, 3, *cut)
-      self.finish()
-      self.assertEqual(self.joined(), expected)
-      shutil.rmtree(self.path('many'))
+    for count in (1, 4, 16):
+      expected = {source: self.one(source, *cut) for source in (volume, self.path('flow.pvd'))}
+      killed = datasets = 0
+      while killed < wanted:
+        source = self.path('flow.pvd') if datasets % 4 == 3 else volume
+        killed += self.kill_at_random(moments, source, count, cut, min(12, wanted))
+        datasets += 1
+        self.assertEqual(self.joined(), expected[source], f'{count} parts, dataset {datasets}, seed {seed}')
+      print(f'{count} parts: {killed} processes killed, {datasets} datasets, 0 differences, seed {seed}')
 
   def test_an_interrupt_leaves_finished_parts_alone(self):
     volume = self.volume(dims='96,96,96')
