@@ -210,6 +210,17 @@ class VolumeJoiner {
         options_.memory_limit_bytes);
   }
 
+  // Whether blocks are written past the page cache, as those of one process are (CachedBytes).
+  [[nodiscard]] bool IsDirect() const {
+    std::int64_t bytes = 0;
+    for (const store::PieceRecord& record : pieces_.records) {
+      for (const store::ShardPiece& shard : record.shards) {
+        bytes += shard.summary.block_bytes;
+      }
+    }
+    return bytes > options_.max_cached_bytes.value_or(CachedBytes());
+  }
+
   absl::StatusOr<store::ShardSummary> JoinShard(int shard, volume::ScalarType type,
                                                 const volume::HistogramBins& bins,
                                                 const PartitionPlan& plan,
@@ -237,7 +248,7 @@ class VolumeJoiner {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const store::ShardSummary summary,
         store::JoinShard(
-            pieces, layout_, type, directory,
+            pieces, layout_, type, directory, IsDirect(),
             [&](const store::JoinedBlock& block) {
               constexpr std::uint32_t kBlocksBetweenReports = 4096;
               if (block.ordinal % kBlocksBetweenReports == 0) {
