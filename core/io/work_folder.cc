@@ -210,6 +210,18 @@ absl::Status WorkFolder::MoveTo(const std::string& to) {
   return RemoveRecursively(absl::StrCat(to, "/", kLockName));
 }
 
+void RemoveLeftLock(const std::string& directory) {
+  const std::string path = absl::StrCat(directory, "/", kLockName);
+  const int lock = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+  if (lock < 0) {
+    return;
+  }
+  if (Lock(lock)) {
+    unlink(path.c_str());
+  }
+  close(lock);
+}
+
 void RemoveLeftovers(const std::string& parent, absl::string_view prefix,
                      const MachineRecord& machine) {
   std::error_code error;

@@ -30,6 +30,7 @@
 #include "core/base/status_macros.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
+#include "core/io/work_folder.h"
 #include "core/partition/level_spool.h"
 #include "core/partition/level_writer.h"
 #include "core/partition/output_folder.h"
@@ -580,6 +581,7 @@ absl::StatusOr<JoinedDataset> JoinParts(const std::string& output, const JoinOpt
   const PartFolder folder(output);
   if (!folder.Exists()) {
     if (store::IsDatasetDirectory(folder.output())) {
+      io::RemoveLeftLock(folder.output());
       ISOSCOPE_RETURN_IF_ERROR(folder.Remove());
       return JoinedDataset{.directory = folder.output(), .volume = std::nullopt};
     }
@@ -602,6 +604,8 @@ absl::StatusOr<JoinedDataset> JoinParts(const std::string& output, const JoinOpt
       return made.status();
     }  // else another process was first, and may have removed the parts
   }
+  // A process that was killed may have named the dataset, and done no more.
+  io::RemoveLeftLock(folder.output());
   ISOSCOPE_RETURN_IF_ERROR(folder.Remove());
   return joined;
 }
