@@ -9,6 +9,7 @@ usage() {
   cat <<'USAGE'
 Usage: scripts/soak.sh [MINUTES] [--seed N]
        scripts/soak.sh --threads|--labels|--series|--levels|--depth-bounds [--frames N] [--seed N]
+       scripts/soak.sh --parts [--kills N] [--seed N]
 
   MINUTES     of all parts together (default: 30)
   --threads   instead, small random frames: each is drawn with 1, 2, 3, 8 or 32 threads, some memory
@@ -24,6 +25,9 @@ Usage: scripts/soak.sh [MINUTES] [--seed N]
   --depth-bounds
               the depths of random frames are compared with the bounds of depth of their blocks; one
               view of each volume
+  --parts     instead, datasets are cut in 1, 4 and 16 parts; processes are killed at random moments
+              and run again, and the joined dataset is compared with that of one process
+  --kills N   how many processes are killed for each number of parts (default: 200)
   --frames N  how many frames are compared, at least (default: 100000; of series and labels 20000; of
               --depth-bounds 10000)
   --seed N    of the first volume or series; each one after it has the next (default: from the clock)
@@ -38,6 +42,7 @@ fail() {
 
 minutes=
 frames=
+kills=
 small=
 while [ $# -gt 0 ]; do
   case "$1" in
@@ -45,14 +50,16 @@ while [ $# -gt 0 ]; do
       usage
       exit 0
       ;;
-    --threads | --labels | --series | --levels | --depth-bounds)
-      [ -z "$small" ] || fail "--threads, --labels, --series, --levels and --depth-bounds are runs of their own"
+    --threads | --labels | --series | --levels | --depth-bounds | --parts)
+      [ -z "$small" ] || fail "--threads, --labels, --series, --levels, --depth-bounds and --parts are runs of their own"
       small="$1"
       ;;
-    --frames | --seed)
+    --frames | --kills | --seed)
       [[ "${2:-}" =~ ^[1-9][0-9]*$ ]] || fail "$1 '${2:-}' is not a number"
       if [ "$1" = --frames ]; then
         frames="$2"
+      elif [ "$1" = --kills ]; then
+        kills="$2"
       else
         export ISOSCOPE_SOAK_SEED="$2"
       fi
@@ -64,7 +71,11 @@ while [ $# -gt 0 ]; do
   shift
 done
 if [ -n "$small" ] && [ -n "$minutes" ]; then
-  fail "$small ends after --frames, not after minutes"
+  fail "$small ends after --frames or --kills, not after minutes"
+elif [ "$small" != --parts ] && [ -n "$kills" ]; then
+  fail "--kills needs --parts"
+elif [ "$small" = --parts ] && [ -n "$frames" ]; then
+  fail "--parts ends after --kills, not after --frames"
 elif [ -z "$small" ] && [ -n "$frames" ]; then
   fail "--frames needs --threads, --labels, --series, --levels or --depth-bounds"
 fi
@@ -72,6 +83,12 @@ fi
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/build.sh --with-tests
 tests=build/release/tests
+
+if [ "$small" = --parts ]; then
+  ISOSCOPE_SOAK_KILLS="${kills:-200}" python3 tests/integration/parts_test.py build/release/bin '' \
+    PartsTest.test_parts_that_are_killed_at_random_moments_end_in_the_same_bytes
+  exit
+fi
 
 if [ -n "$small" ]; then
   # Writing a small dataset safely to a disk takes longer than drawing it.

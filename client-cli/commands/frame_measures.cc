@@ -54,7 +54,8 @@ v1::ExportIsosurfaceRequest MeshOfFrame(const v1::RenderIsosurfaceRequest& frame
 absl::Status AddMeasures(const v1::Dataset& dataset, const std::vector<std::string>& names,
                          Session* session, std::vector<FrameRecord>* frames,
                          const Context& context) {
-  const WaitingLine waiting(context.err, context.err_is_terminal, "measuring surfaces");
+  const WaitingLine waiting(context.err, context.err_is_terminal,
+                            "measuring surfaces at level 0 (--no-measures leaves that out)");
   std::map<std::string, FrameMeasures> known;  // by request
   for (FrameRecord& frame : *frames) {
     const v1::ExportIsosurfaceRequest request = MeshOfFrame(frame.request);

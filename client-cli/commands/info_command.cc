@@ -19,6 +19,7 @@
 #include "absl/time/time.h"
 #include <nlohmann/json.hpp>
 
+#include "client-cli/commands/info_parts.h"
 #include "client-cli/commands/info_surfaces.h"
 #include "client-cli/commands/program.h"
 #include "client-cli/output/dataset_json.h"
@@ -360,7 +361,23 @@ absl::Status CheckDatasetUsage(const InfoFlags& flags) {
   return absl::OkStatus();
 }
 
+absl::Status CheckUsageOfParts(const InfoFlags& flags) {
+  if (flags.asks_dataset()) {
+    return UsageError(
+        absl::StrCat(*flags.input,
+                     " holds parts that are not joined yet; --histogram and surfaces need the "
+                     "whole dataset: isoscope partition --finish DIR"));
+  }
+  if (const char* given = flags.source.FirstGiven(); given != nullptr) {
+    return UsageError(absl::StrCat(given, " is for volumes; ", *flags.input, " holds parts"));
+  }
+  return absl::OkStatus();
+}
+
 std::string ToText(const Json& json, const InfoFlags& flags, int max_width) {
+  if (json.contains("parts")) {
+    return PartsText(json);
+  }
   if (json.contains("series")) {
     return DescribeSeriesEntries(json, base::ShellWord(*flags.input));
   }
@@ -409,7 +426,10 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeServer(flags, context));
   } else {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
-    if (store::IsDatasetDirectory(*flags.input)) {
+    if (HoldsParts(*flags.input)) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckUsageOfParts(flags));
+      ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeParts(*flags.input));
+    } else if (store::IsDatasetDirectory(*flags.input)) {
       ISOSCOPE_RETURN_IF_ERROR(CheckUsageWithDataset(flags.source, *flags.input));
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
     } else if (!flags.asks_dataset()) {
@@ -428,7 +448,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
 Action RegisterInfoFlags(FlagSet* set) {
   const auto flags = std::make_shared<InfoFlags>();
   AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
-          "a volume, as 'partition' takes it, or a dataset folder");
+          "a volume, as 'partition' takes it, a dataset folder, or DIR.partial with parts of one");
   AddFlag(set, "--server", "HOST[:PORT]", &flags->server, rpc::ParseCoordinatorAddress,
           "a coordinator");
   AddConnectionFlags(set, &flags->connection);
@@ -473,6 +493,7 @@ Command InfoCommand() {
               "  isoscope info --list-formats\n"
               "  isoscope info scans/ --series 3\n"
               "  isoscope info head\n"
+              "  isoscope info big.partial\n"
               "  isoscope info head.nii.gz --histogram --log\n"
               "  isoscope info head.nii.gz --isovalue 30 --isovalue 60 --close\n"
               "  isoscope info --server localhost:50051 --json\n",

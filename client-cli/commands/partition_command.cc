@@ -1,4 +1,5 @@
-// isoscope partition INPUT --output DIR | --append DIR | --add-levels DIR | --drop-levels DIR
+// isoscope partition INPUT --output DIR [--part I/N] | --finish DIR | --append DIR | --add-levels DIR |
+//                    --drop-levels DIR
 //
 // 1. CheckUsage refuses flags that contradict each other. With --append the series has fixed its
 //    shards, blocks, distribution, seed, levels and label names, so these flags are refused.
@@ -7,6 +8,7 @@
 // 3. A source of one field, component and step, without a time, becomes a plain dataset
 //    (PartitionVolume). Any other source becomes a series, and so does an appended one
 //    (PartitionSeries).
+//    With --part this process cuts its part of either (PartitionPart); --finish joins the parts.
 // 4. Summarize prints samples, blocks or volumes, shards, and the elapsed time.
 
 #include <cstddef>
@@ -15,8 +17,11 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/string_view.h"
 
 #include "client-cli/commands/program.h"
 #include "client-cli/session/level_flags.h"
@@ -26,19 +31,24 @@
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
 #include "core/formats/format_table.h"
 #include "core/formats/open_request.h"
+#include "core/formats/source_members.h"
 #include "core/math/vec.h"
 #include "core/partition/dataset_levels.h"
+#include "core/partition/part_joiner.h"
+#include "core/partition/part_writer.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
 #include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
+#include "core/store/part_file.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
 #include "core/volume/scalar_type.h"
@@ -51,6 +61,8 @@ struct PartitionFlags {
   std::optional<std::string> input;
   std::optional<std::string> output;
   std::optional<std::string> append;
+  std::optional<store::PartNumber> part;
+  std::optional<std::string> finish;
   std::optional<std::string> add_levels;
   std::optional<std::string> drop_levels;
   bool resumes = false;
@@ -71,6 +83,7 @@ struct PartitionFlags {
            : block_cells  ? "--block-cells"
            : distribution ? "--distribution"
            : seed         ? "--seed"
+           : part         ? "--part"
                           : nullptr;
   }
   // The first flag of those that need an input, or null.
@@ -89,6 +102,61 @@ absl::Status GreedySeriesError() {
   return UsageError(
       "--distribution greedy deals out blocks by the values of one volume; a series, with fields "
       "or time steps, has its blocks in the same shard in every volume: --distribution random");
+}
+
+// "I/N": part I, from 0 on, of N.
+absl::StatusOr<store::PartNumber> ParsePart(absl::string_view text) {
+  const std::pair<absl::string_view, absl::string_view> halves =
+      absl::StrSplit(text, absl::MaxSplits('/', 1));
+  const absl::StatusOr<std::int64_t> count =
+      client::ParseInteger(halves.second, 1, store::kMaxPartCount);
+  const absl::StatusOr<std::int64_t> index =
+      count.ok() ? client::ParseInteger(halves.first, 0, *count - 1) : count.status();
+  if (!index.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is no part I/N: N parts are 1 to ", store::kMaxPartCount,
+                     count.ok() ? absl::StrCat(", and I is from 0 to ", *count - 1, " of ", *count)
+                                : ", and I is from 0 to N - 1, as in 0/16"));
+  }
+  return store::PartNumber{.index = static_cast<int>(*index), .count = static_cast<int>(*count)};
+}
+
+// --part
+absl::Status CheckPartUsage(const PartitionFlags& flags) {
+  if (flags.append) {
+    return UsageError(
+        "--part can't be used with --append DIR; parts make new datasets: append with one process");
+  }
+  if (flags.resumes) {
+    return UsageError(
+        "--resume can't be used with --part; a part that is run again always keeps what it has "
+        "finished");
+  }
+  if (flags.distribution == store::Distribution::kGreedy) {
+    return UsageError(
+        "--distribution greedy deals out blocks by the values of the whole volume, which no part "
+        "sees: --distribution random");
+  }
+  return absl::OkStatus();
+}
+
+// --finish
+absl::Status CheckFinishUsage(const PartitionFlags& flags) {
+  if (flags.add_levels || flags.drop_levels) {
+    return UsageError("--finish DIR can't be used with --add-levels or --drop-levels");
+  }
+  if (flags.input) {
+    return UsageError("INPUT can't be used with --finish DIR: the parts have all samples");
+  }
+  if (const char* given = flags.FirstOfInput(); given != nullptr) {
+    return UsageError(absl::StrCat(
+        given, " can't be used with --finish DIR; the parts were cut with their flags"));
+  }
+  if (flags.levels.FirstGiven() != nullptr || flags.compression) {
+    return UsageError(absl::StrCat(flags.compression ? "--compression" : flags.levels.FirstGiven(),
+                                   " can't be used with --finish DIR; it is given to all parts"));
+  }
+  return absl::OkStatus();
 }
 
 // --add-levels and --drop-levels.
@@ -118,6 +186,12 @@ absl::Status CheckLevelUsage(const PartitionFlags& flags) {
 }
 
 absl::Status CheckUsage(const PartitionFlags& flags) {
+  if (flags.finish) {
+    return CheckFinishUsage(flags);
+  }
+  if (flags.part) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckPartUsage(flags));
+  }
   if (flags.add_levels || flags.drop_levels) {
     return CheckLevelUsage(flags);
   }
@@ -213,13 +287,65 @@ partition::PartitionOptions OptionsOf(const PartitionFlags& flags) {
   return options;
 }
 
+// --part
+absl::Status CutPart(const PartitionFlags& flags, const source::OpenRequest& request,
+                     source::VolumeSeries& source, partition::PartitionOptions options,
+                     const Context& context) {
+  const base::MonotonicTime start = base::MonotonicNow();
+  const store::PartNumber part = *flags.part;
+  partition::PartOptions part_options{
+      .volume = std::move(options), .part = part, .source_members{}};
+  ISOSCOPE_ASSIGN_OR_RETURN(part_options.source_members, source::SourceMembers(request));
+  const std::string output = part_options.volume.output_directory;
+  ISOSCOPE_ASSIGN_OR_RETURN(const partition::PartReport report,
+                            PartitionPart(source, std::move(part_options), context));
+  *context.out << base::Printable(output) << ": part " << part.index << " of " << part.count
+               << (report.written_volumes == 0 ? " was finished before"
+                   : report.block_count == 0
+                       ? " has no blocks: there are more parts than slabs of blocks"
+                       : absl::StrCat(": ", FormatCount(report.block_count), " blocks in ",
+                                      FormatElapsed(base::MonotonicNow() - start)))
+               << "; once all are: isoscope partition --finish " << base::ShellWord(output) << "\n";
+  return absl::OkStatus();
+}
+
+// --finish
+absl::Status FinishParts(const PartitionFlags& flags, const Context& context) {
+  const base::MonotonicTime start = base::MonotonicNow();
+  partition::JoinOptions options;
+  options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
+  ISOSCOPE_ASSIGN_OR_RETURN(const partition::JoinedDataset joined,
+                            JoinParts(*flags.finish, options, context));
+  const absl::Duration elapsed = base::MonotonicNow() - start;
+  if (joined.volume) {
+    *context.out << Summarize(*joined.volume, joined.directory, elapsed);
+  } else if (joined.series) {
+    *context.out << base::Printable(joined.directory) << ": "
+                 << base::Printable(FieldsAndSteps(*joined.series)) << ", in "
+                 << FormatElapsed(elapsed) << "\n";
+  } else {
+    *context.out << base::Printable(joined.directory) << ": was finished before\n";
+  }
+  return absl::OkStatus();
+}
+
+// What agents do that serve a dataset meanwhile: those of a series read its manifest again.
+std::string WordOnAgents(const std::string& directory, bool are_added) {
+  if (store::IsSeriesDirectory(directory)) {
+    return are_added ? "; agents that serve it find them by themselves" : "";
+  }
+  return are_added ? "; agents that serve it show them after a restart"
+                   : "; agents that serve it show those that it had until a restart";
+}
+
 // --add-levels and --drop-levels.
 absl::Status ChangeLevels(const PartitionFlags& flags, const Context& context) {
   const base::MonotonicTime start = base::MonotonicNow();
   if (flags.drop_levels) {
     ISOSCOPE_RETURN_IF_ERROR(
         partition::DropLevels(*flags.drop_levels, context.interrupt->cancellation()));
-    *context.out << base::Printable(*flags.drop_levels) << ": has no levels\n";
+    *context.out << base::Printable(*flags.drop_levels) << ": has no levels"
+                 << WordOnAgents(*flags.drop_levels, /*are_added=*/false) << "\n";
     return absl::OkStatus();
   }
   partition::AddLevelsOptions options;
@@ -230,12 +356,16 @@ absl::Status ChangeLevels(const PartitionFlags& flags, const Context& context) {
   *context.out << base::Printable(*flags.add_levels) << ": "
                << (highest > 0 ? absl::StrCat("has levels 1 to ", highest)
                                : "has no levels: it is too small for --levels auto")
-               << ", in " << FormatElapsed(base::MonotonicNow() - start) << "\n";
+               << ", in " << FormatElapsed(base::MonotonicNow() - start)
+               << (highest > 0 ? WordOnAgents(*flags.add_levels, /*are_added=*/true) : "") << "\n";
   return absl::OkStatus();
 }
 
 absl::Status Run(const PartitionFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  if (flags.finish) {
+    return FinishParts(flags, context);
+  }
   if (flags.add_levels || flags.drop_levels) {
     return ChangeLevels(flags, context);
   }
@@ -249,6 +379,9 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
                             source::OpenIdentified(request));
   if (!flags.append) {
     ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
+  }
+  if (flags.part) {
+    return CutPart(flags, request, *source, options, context);
   }
   if (!flags.append && !partition::NeedsSeries(*source)) {
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
@@ -279,6 +412,11 @@ Action RegisterPartitionFlags(FlagSet* set) {
           "raw file"));
   AddFlag(set, "-o,--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
+  AddFlag(set, "--part", "I/N", &flags->part, ParsePart,
+          "cut part I, from 0 to N - 1, of N alone, into DIR.partial; other processes cut the "
+          "others, at any time, on any machine that sees this folder");
+  AddFlag(set, "--finish", "DIR", &flags->finish, ParseText,
+          "join all parts into the dataset folder that one process would have made; no INPUT");
   AddFlag(set, "--append", "DIR", &flags->append, ParseText,
           "a dataset folder with time steps, to which those of INPUT are appended");
   AddFlag(set, "--add-levels", "DIR", &flags->add_levels, ParseText,
@@ -316,7 +454,9 @@ Action RegisterPartitionFlags(FlagSet* set) {
 Command PartitionCommand() {
   return {.name = "partition",
           .summary = "Cuts a volume into a dataset folder of one or more shards",
-          .usage = "INPUT --output DIR | INPUT --append DIR | --add-levels DIR [OPTIONS]",
+          .usage =
+              "INPUT --output DIR [--part I/N] | INPUT --append DIR | --finish DIR | --add-levels "
+              "DIR [OPTIONS]",
           .examples =
               "  isoscope partition head.nii.gz --output head --shards 4\n"
               "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
@@ -324,7 +464,10 @@ Command PartitionCommand() {
               "  isoscope partition flow.pvd --shards 4 --output flow\n"
               "  isoscope partition p_0042.raw --dims 64,64,64 --type float32 --field p \\\n"
               "    --time 4.2 --append flow\n"
-              "  isoscope partition --add-levels run --memory-limit 256MiB\n",
+              "  isoscope partition --add-levels run --memory-limit 256MiB\n"
+              "  isoscope partition big.raw --dims 4096,4096,4096 --type uint16 --part 3/16 \\\n"
+              "    --shards 8 --output big          (and so for 0 to 15, on any machines)\n"
+              "  isoscope partition --finish big\n",
           .register_flags = RegisterPartitionFlags};
 }
 

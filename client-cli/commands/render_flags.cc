@@ -190,10 +190,11 @@ void AddRenderFlags(FlagSet* set, RenderFlags* flags) {
   AddFlag(
       set, "--stats", "FILE|-", &flags->stats, ParseText,
       "write statistics as JSON (- is standard output), and print them as tables; they have the "
-      "area and the enclosed volume of each surface, which costs an export of it");
+      "area and the enclosed volume of each surface at level 0, whatever level is drawn, in the "
+      "time of an export of it");
   set->AddSwitch("--no-measures", &flags->has_no_measures,
-                 "write the statistics of --stats without areas, volumes and what a level hides, "
-                 "which is faster");
+                 "write the statistics of --stats without areas and volumes, which are of level 0 "
+                 "and take as long as an export, and without what a level hides");
   AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
           "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
   AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,

@@ -122,6 +122,43 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,
   return series;
 }
 
+absl::StatusOr<partition::PartReport> PartitionPart(source::VolumeSeries& source,
+                                                    partition::PartOptions options,
+                                                    const Context& context) {
+  {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> first,
+                              source.Open(0, 0, 0));
+    PrintNote(*first, context);
+  }
+  ProgressLine line(context.err, context.err_is_terminal);
+  ShowProgress(&line, &options.volume);
+  const base::Cancellation& cancellation = context.interrupt->cancellation();
+  absl::StatusOr<partition::PartReport> report =
+      partition::PartitionPart(source, options, cancellation);
+  if (!report.ok() && cancellation.is_cancelled()) {
+    return absl::CancelledError(absl::StrCat(
+        "interrupted while cutting part ", options.part.index, " of ", options.part.count,
+        "; other parts, and volumes of this one that were finished, are kept: the same command "
+        "cuts the rest"));
+  }
+  return report;
+}
+
+absl::StatusOr<partition::JoinedDataset> JoinParts(const std::string& output,
+                                                   partition::JoinOptions options,
+                                                   const Context& context) {
+  ProgressLine line(context.err, context.err_is_terminal);
+  ShowProgress(&line, &options);
+  const base::Cancellation& cancellation = context.interrupt->cancellation();
+  absl::StatusOr<partition::JoinedDataset> joined =
+      partition::JoinParts(output, options, cancellation);
+  if (!joined.ok() && cancellation.is_cancelled()) {
+    return absl::CancelledError(
+        "interrupted while joining; the parts are as they were: the same command begins again");
+  }
+  return joined;
+}
+
 absl::StatusOr<int> AddLevels(const std::string& directory, partition::AddLevelsOptions options,
                               const Context& context) {
   ProgressLine line(context.err, context.err_is_terminal);

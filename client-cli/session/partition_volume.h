@@ -12,6 +12,8 @@
 #include "core/cli/command.h"
 #include "core/formats/open_request.h"
 #include "core/partition/dataset_levels.h"
+#include "core/partition/part_joiner.h"
+#include "core/partition/part_writer.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
 #include "core/source/volume_series.h"
@@ -54,6 +56,18 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(SeriesAction action,
                                                       source::VolumeSeries& source,
                                                       partition::SeriesPartitionOptions options,
                                                       const Context& context);
+
+// Cuts one part of a dataset, with progress, and replaces the same options. CANCELLED on an
+// interrupt, saying what was kept; other errors as partition::PartitionPart.
+absl::StatusOr<partition::PartReport> PartitionPart(source::VolumeSeries& source,
+                                                    partition::PartOptions options,
+                                                    const Context& context);
+
+// Joins the parts of a dataset, with progress, and replaces the same options. CANCELLED on an
+// interrupt; other errors as partition::JoinParts.
+absl::StatusOr<partition::JoinedDataset> JoinParts(const std::string& output,
+                                                   partition::JoinOptions options,
+                                                   const Context& context);
 
 // Adds levels to a dataset, with progress, and replaces the same options. CANCELLED on an
 // interrupt; other errors as partition::AddLevels.

@@ -1,7 +1,8 @@
 // The largest gradient length of a block, in up to three steps:
 //
-// 1. RoughBound. Two samples differ at most by the block's range of values, which bounds all
-//    lengths. Most blocks of a large volume need no more than that.
+// 1. A bound of all lengths. Most blocks of a large volume need no more than that. Of small types in
+//    the interior it comes from the largest difference along each axis (difference_kernel.h), else
+//    from the block's range of values (RoughBound).
 // 2. Other blocks go row by row, over the squared lengths of the doubled gradients. Each x keeps
 //    its largest square. A missing neighbour is replaced by the sample itself, and the difference
 //    then counts twice.
@@ -21,6 +22,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "core/extract/difference_kernel.h"
 #include "core/extract/vertex_batch.h"
 #include "core/math/vec.h"
 #include "core/volume/min_max.h"
@@ -171,9 +173,36 @@ bool AllFinite(const char* bytes, std::size_t count) {
   return all;
 }
 
+// Squares below this may have lost terms to underflow.
+constexpr double kLeastBoundSquare = 0x1p-600;
+
+// Returns a bound of all lengths from the largest difference along each axis; infinite where it is
+// not sure. |W g|^2 is the sum over axes i, k of g_i g_k (w_i . w_k), with the columns w of W.
+// REQUIRES: task.is_interior.
+template <typename T>
+double BoundByDifferences(const BoundTask& task) {
+  const std::array<double, 3> doubled = LargestDifferences<T>(task.bytes, task.grid, task.box);
+  if (doubled == std::array<double, 3>{}) {
+    return 0;
+  }
+  double square = 0;
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      square += doubled[i] * doubled[k] *
+                std::abs(math::Dot(task.to_world.columns[i], task.to_world.columns[k]));
+    }
+  }
+  // False for NaN.
+  if (!(square >= kLeastBoundSquare)) {
+    return std::numeric_limits<double>::infinity();
+  }
+  // Floats round each difference once, by less than 2^-23 of it.
+  return std::sqrt(square) / 2 * (1 + (std::is_integral_v<T> ? 1e-9 : 1e-6));
+}
+
 // Returns a bound of all lengths. A component of the gradient is at most the range R of the samples
-// (half of it where both neighbours are there), so |W g|^2, the sum over axes i, k of
-// g_i g_k (w_i . w_k) with the columns w of W, is at most R^2 times the sum of |w_i . w_k|.
+// (half of it where both neighbours are there), so |W g|^2 is at most R^2 times the sum of
+// |w_i . w_k|.
 template <typename T>
 double RoughBound(const BoundTask& task) {
   volume::MinMax<T> min_max;
@@ -197,9 +226,19 @@ double RoughBound(const BoundTask& task) {
 }
 
 template <typename T>
+double LengthBound(const BoundTask& task) {
+  if constexpr (kHasDifferenceKernel<T>) {
+    if (task.is_interior) {
+      return BoundByDifferences<T>(task);
+    }
+  }
+  return RoughBound<T>(task);
+}
+
+template <typename T>
 double MaxOf(const BoundTask& task, double so_far) {
   // False for NaN.
-  if (RoughBound<T>(task) <= so_far) {
+  if (LengthBound<T>(task) <= so_far) {
     return so_far;
   }
   if constexpr (std::is_floating_point_v<T>) {

@@ -2,7 +2,8 @@
 //
 // 1. PosixRandomAccessFile reads with pread, and with preadv2(RWF_NOWAIT) for bytes in memory.
 // 2. PosixWritableFile buffers one stretch of bytes. It writes up to the last multiple of the
-//    buffer's size that the stretch reaches, and keeps the rest.
+//    buffer's size that the stretch reaches, and keeps the rest. With a second descriptor, whole
+//    buffers go past the page cache. The kernel keeps both ways coherent.
 // 3. Functions on paths: create, rename, flush, remove.
 //
 // Invariants: calls that a signal interrupted (EINTR) are repeated. Every error becomes a status
@@ -19,6 +20,8 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <new>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -148,14 +151,45 @@ class PosixRandomAccessFile : public RandomAccessFile {
   const std::string path_;
 };
 
+// Memory that direct writes accept.
+class AlignedBuffer {
+ public:
+  explicit AlignedBuffer(std::size_t capacity)
+      : bytes_(static_cast<char*>(::operator new(capacity, kAlignment))) {}
+  ~AlignedBuffer() { ::operator delete(bytes_, kAlignment); }
+  AlignedBuffer(const AlignedBuffer&) = delete;
+  AlignedBuffer& operator=(const AlignedBuffer&) = delete;
+
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] absl::string_view view() const { return {bytes_, size_}; }
+  // REQUIRES: the capacity suffices.
+  void Append(absl::string_view bytes) {
+    std::memcpy(bytes_ + size_, bytes.data(), bytes.size());
+    size_ += bytes.size();
+  }
+  void Clear() { size_ = 0; }
+
+ private:
+  static constexpr auto kAlignment = std::align_val_t(kDirectAlignment);
+
+  char* const bytes_;
+  std::size_t size_ = 0;
+};
+
 // Buffers one stretch of bytes: those of [buffer_offset_, buffer_offset_ + buffer_.size()) that are
 // not in the file yet. Writes that continue the stretch join it; any other flushes it first.
 class PosixWritableFile : public WritableFile {
  public:
-  PosixWritableFile(Descriptor descriptor, std::string path, std::size_t buffer_bytes)
-      : descriptor_(std::move(descriptor)), path_(std::move(path)), buffer_bytes_(buffer_bytes) {
+  // direct: opened with O_DIRECT; none: everything goes through the page cache
+  PosixWritableFile(Descriptor descriptor, std::optional<Descriptor> direct, std::string path,
+                    std::size_t buffer_bytes)
+      : descriptor_(std::move(descriptor)),
+        direct_(std::move(direct)),
+        path_(std::move(path)),
+        buffer_bytes_(buffer_bytes),
+        buffer_(buffer_bytes) {
     ISOSCOPE_CHECK(std::has_single_bit(buffer_bytes));
-    buffer_.reserve(buffer_bytes);
+    ISOSCOPE_CHECK(!direct_.has_value() || buffer_bytes % kDirectAlignment == 0);
   }
 
   [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
@@ -180,8 +214,9 @@ class PosixWritableFile : public WritableFile {
       const std::size_t to_boundary =
           buffer_bytes_ -
           ((static_cast<std::size_t>(buffer_offset_) + buffer_.size()) & (buffer_bytes_ - 1));
-      if (buffer_.empty() && bytes.size() >= to_boundary) {
-        // Everything up to the last boundary goes out at once.
+      if (!direct_.has_value() && buffer_.size() == 0 && bytes.size() >= to_boundary) {
+        // Everything up to the last boundary goes out at once. The bytes of direct writes have to
+        // be aligned, so they go through the buffer.
         const std::size_t size =
             to_boundary + ((bytes.size() - to_boundary) & ~(buffer_bytes_ - 1));
         status_ = WriteFully(descriptor_.get(), buffer_offset_, bytes.substr(0, size), path_);
@@ -191,7 +226,7 @@ class PosixWritableFile : public WritableFile {
         continue;
       }
       const std::size_t size = std::min(bytes.size(), to_boundary);
-      buffer_.append(bytes.data(), size);
+      buffer_.Append(bytes.substr(0, size));
       bytes.remove_prefix(size);
       if (size == to_boundary) {
         ISOSCOPE_RETURN_IF_ERROR(Flush());
@@ -223,17 +258,50 @@ class PosixWritableFile : public WritableFile {
 
  private:
   absl::Status Flush() {
-    status_ = WriteFully(descriptor_.get(), buffer_offset_, buffer_, path_);
+    if (IsWhole()) {
+      status_ = WriteDirectly();
+      ISOSCOPE_RETURN_IF_ERROR(status_);
+    }
+    status_ = WriteFully(descriptor_.get(), buffer_offset_, buffer_.view(), path_);
     ISOSCOPE_RETURN_IF_ERROR(status_);
     buffer_offset_ += static_cast<std::int64_t>(buffer_.size());
-    buffer_.clear();
+    buffer_.Clear();
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] bool IsWhole() const {
+    return direct_.has_value() && buffer_.size() == buffer_bytes_ &&
+           buffer_offset_ % static_cast<std::int64_t>(buffer_bytes_) == 0;
+  }
+
+  // Writes the buffer past the page cache. What is left of it then has to go through the cache: all
+  // of it where the file system refuses such writes, which it may do late.
+  absl::Status WriteDirectly() {
+    ssize_t count = 0;
+    do {
+      count = pwrite(direct_->get(), buffer_.view().data(), buffer_.size(), buffer_offset_);
+    } while (count < 0 && errno == EINTR);
+    if (count < 0 && errno != EINVAL) {
+      return ErrnoToStatus(
+          errno, absl::StrFormat("write %d bytes at offset %d of", buffer_.size(), buffer_offset_),
+          path_);
+    }
+    if (count < 0) {
+      direct_.reset();
+      return absl::OkStatus();
+    }
+    if (static_cast<std::size_t>(count) == buffer_.size()) {
+      buffer_offset_ += count;
+      buffer_.Clear();
+    }
     return absl::OkStatus();
   }
 
   Descriptor descriptor_;
+  std::optional<Descriptor> direct_;
   const std::string path_;
   const std::size_t buffer_bytes_;
-  std::string buffer_;
+  AlignedBuffer buffer_;
   std::int64_t buffer_offset_ = 0;
   std::int64_t size_bytes_ = 0;
   absl::Status status_;  // the first error
@@ -319,7 +387,21 @@ absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::stri
                                                                  std::size_t buffer_bytes) {
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
                             OpenDescriptor(path, O_WRONLY | O_CREAT | O_EXCL, 0666, "create"));
-  return std::make_unique<PosixWritableFile>(std::move(descriptor), path, buffer_bytes);
+  return std::make_unique<PosixWritableFile>(std::move(descriptor), std::nullopt, path,
+                                             buffer_bytes);
+}
+
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateDirectFile(const std::string& path,
+                                                               std::size_t buffer_bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
+                            OpenDescriptor(path, O_WRONLY | O_CREAT | O_EXCL, 0666, "create"));
+  absl::StatusOr<Descriptor> direct = OpenDescriptor(path, O_WRONLY | O_DIRECT, 0, "open");
+  std::optional<Descriptor> used;
+  if (direct.ok()) {  // else the file system has no such writes
+    used.emplace(*std::move(direct));
+  }
+  return std::make_unique<PosixWritableFile>(std::move(descriptor), std::move(used), path,
+                                             buffer_bytes);
 }
 
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path) {

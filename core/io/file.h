@@ -75,6 +75,12 @@ absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::stri
 // holds equally large parts, which are faster to read.
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::string& path,
                                                                  std::size_t buffer_bytes);
+// Does the same, and whole buffers go to the disk past the page cache (O_DIRECT) where the file
+// system can: for files so large that the cache would not keep them. REQUIRES: buffer_bytes is a
+// multiple of kDirectAlignment.
+inline constexpr std::size_t kDirectAlignment = 4096;
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateDirectFile(const std::string& path,
+                                                               std::size_t buffer_bytes);
 
 // Reads a whole file of at most `max_size_bytes`; a larger one is INVALID_ARGUMENT.
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::int64_t max_size_bytes);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include "absl/types/span.h"
@@ -27,11 +26,17 @@ PlacementQueue::PlacementQueue(const std::string& directory, const volume::Block
                                volume::ScalarType type, const PartitionPlan& plan)
     : layout_(layout), type_(type), plan_(plan), placements_(directory, plan.placement_bytes) {}
 
-absl::Status PlacementQueue::PlaceAll(const ShardMap& shards) {
+absl::Status PlacementQueue::PlaceAll(const ShardMap& shards, const LayerRange& layers) {
+  const math::Index3& dims = layout_.block_dims();
+  next_position_ = static_cast<std::uint32_t>(layers.begin * dims.y * dims.x);
+  if (layers.begin == layers.end) {
+    return placements_.Finish();
+  }
   // By shard: the placement of its next block.
   std::vector<Placement> next(static_cast<std::size_t>(shards.shard_count()));
-  for (store::BlocksInOrder blocks({.begin = {}, .end = layout_.block_dims()}); !blocks.is_at_end();
-       blocks.Next()) {
+  for (store::BlocksInOrder blocks(
+           {.begin = {0, 0, layers.begin}, .end = {dims.x, dims.y, layers.end}});
+       !blocks.is_at_end(); blocks.Next()) {
     const volume::BlockId id = layout_.IdOf(blocks.index());
     const std::uint16_t shard = shards.ShardOf(id);
     Placement& placement = next[shard];
@@ -47,24 +52,37 @@ absl::Status PlacementQueue::PlaceAll(const ShardMap& shards) {
 
 absl::Status PlacementQueue::Fill(store::BlocksInOrder* blocks, BlockBatch* batch) {
   batch->bytes.resize(static_cast<std::size_t>(plan_.batch_bytes));
-  batch->ids.clear();
-  batch->placements.clear();
-  batch->offsets.assign(1, 0);
-  for (; !blocks->is_at_end() && static_cast<std::int64_t>(batch->ids.size()) < kMaxBatchBlocks;
+  batch->blocks.clear();
+  std::size_t size = 0;
+  for (; !blocks->is_at_end() && static_cast<std::int64_t>(batch->blocks.size()) < kMaxBatchBlocks;
        blocks->Next()) {
     const volume::BlockId id = layout_.IdOf(blocks->index());
-    const std::size_t end = batch->offsets.back() + volume::StoredSizeBytes(layout_, id, type_);
-    if (end > batch->bytes.size()) {
+    size += volume::StoredSizeBytes(layout_, id, type_);
+    if (size > batch->bytes.size()) {
       break;
     }
     ISOSCOPE_CHECK(!placements_.is_at_end());
     ISOSCOPE_CHECK_EQ(placements_.current().position, next_position_);
     ++next_position_;
-    batch->ids.push_back(id);
-    batch->placements.push_back(placements_.current());
-    batch->offsets.push_back(end);
+    batch->blocks.push_back({.placement = placements_.current(), .id = id});
     ISOSCOPE_RETURN_IF_ERROR(placements_.Advance());
   }
+  const auto key_of = [](const BlockBatch::Block& block) {
+    return std::pair(block.placement.shard, block.placement.ordinal);
+  };
+  std::sort(batch->blocks.begin(), batch->blocks.end(),
+            [&](const BlockBatch::Block& a, const BlockBatch::Block& b) {
+              return key_of(a) < key_of(b);
+            });
+  batch->offsets.assign(1, 0);
+  for (const BlockBatch::Block& block : batch->blocks) {
+    batch->offsets.push_back(batch->offsets.back() +
+                             volume::StoredSizeBytes(layout_, block.id, type_));
+  }
+  batch->spans.resize(batch->blocks.size());
+  batch->finite_spans.resize(batch->blocks.size());
+  batch->gradient_magnitudes.resize(batch->blocks.size());
+  batch->crcs.resize(batch->blocks.size());
   return absl::OkStatus();
 }
 
@@ -77,55 +95,49 @@ BatchCutter::BatchCutter(const volume::BlockLayout& layout, volume::ScalarType t
 
 void BatchCutter::Cut(const Slab& slab, BlockBatch* batch) {
   CutBlocks(slab, batch);
-  for (std::size_t i = 0; i < batch->ids.size(); ++i) {
-    max_gradient_magnitude_ = std::max(max_gradient_magnitude_, batch->gradient_magnitudes[i]);
+  for (const double magnitude : batch->gradient_magnitudes) {
+    max_gradient_magnitude_ = std::max(max_gradient_magnitude_, magnitude);
   }
-  batch->order.resize(batch->ids.size());
-  std::iota(batch->order.begin(), batch->order.end(), std::uint32_t{0});
-  const auto key_of = [&](std::uint32_t i) {
-    return std::pair(batch->placements[i].shard, batch->placements[i].ordinal);
-  };
-  std::sort(batch->order.begin(), batch->order.end(),
-            [&](std::uint32_t a, std::uint32_t b) { return key_of(a) < key_of(b); });
-  CountSamples(slab, *batch);
+  CountSamples(*batch);
 }
 
 void BatchCutter::CutBlocks(const Slab& slab, BlockBatch* batch) const {
-  batch->spans.resize(batch->ids.size());
-  batch->finite_spans.resize(batch->ids.size());
-  batch->gradient_magnitudes.resize(batch->ids.size());
-  tbb::parallel_for(std::size_t{0}, batch->ids.size(), [&](std::size_t i) {
-    const volume::BlockId id = batch->ids[i];
-    const volume::ScalarSpan span = SpanOfBlock(layout_, type_, slab, id);
+  tbb::parallel_for(std::size_t{0}, batch->blocks.size(), [&](std::size_t i) {
+    const volume::BlockId id = batch->blocks[i].id;
+    char* const bytes = batch->bytes.data() + batch->offsets[i];
+    CutBlock(layout_, type_, slab, id, bytes);
+    // From here on the block is read from the cache, not from the slab's far rows.
+    const volume::BlockSamples samples{.block_id = id, .type = type_, .bytes = bytes};
+    const volume::ScalarSpan span = SpanOfBlock(layout_, samples);
     batch->spans[i] = span;
     batch->finite_spans[i] = std::isfinite(span.min) && std::isfinite(span.max)
                                  ? span
-                                 : FiniteSpanOfBlock(layout_, type_, slab, id);
-    char* const bytes = batch->bytes.data() + batch->offsets[i];
-    CutBlock(layout_, type_, slab, id, bytes);
+                                 : FiniteSpanOfBlock(layout_, samples);
     // Each sample counts in one block alone.
     batch->gradient_magnitudes[i] = extract::MaxGradientMagnitude(
-        layout_, world_gradient_from_index_, {.block_id = id, .type = type_, .bytes = bytes},
-        volume::CountedSamplesOf(layout_, id), max_gradient_magnitude_);
+        layout_, world_gradient_from_index_, samples, volume::CountedSamplesOf(layout_, id),
+        max_gradient_magnitude_);
   });
 }
 
-void BatchCutter::CountSamples(const Slab& slab, const BlockBatch& batch) {
-  std::vector<volume::BlockId> ids(batch.order.size());  // in their order
-  std::vector<std::size_t> begins;                       // of the tasks, and the end
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    ids[i] = batch.ids[batch.order[i]];
+void BatchCutter::CountSamples(const BlockBatch& batch) {
+  std::vector<volume::BlockSamples> blocks(batch.blocks.size());
+  std::vector<std::size_t> begins;  // of the tasks, and the end
+  for (std::size_t i = 0; i < blocks.size(); ++i) {
+    blocks[i] = {.block_id = batch.blocks[i].id,
+                 .type = type_,
+                 .bytes = batch.bytes.data() + batch.offsets[i]};
     histograms_.Cover(batch.finite_spans[i]);
     if (i == 0 || i - begins.back() == kBlocksPerCount ||
         batch.ShardAt(i) != batch.ShardAt(i - 1)) {
       begins.push_back(i);
     }
   }
-  begins.push_back(ids.size());
+  begins.push_back(blocks.size());
   tbb::parallel_for(std::size_t{0}, begins.size() - 1, [&](std::size_t task) {
     histograms_.Count(
         batch.ShardAt(begins[task]),
-        absl::MakeConstSpan(ids).subspan(begins[task], begins[task + 1] - begins[task]), slab);
+        absl::MakeConstSpan(blocks).subspan(begins[task], begins[task + 1] - begins[task]));
   });
 }
 

@@ -36,22 +36,22 @@ struct Placement {
 };
 static_assert(sizeof(Placement) == kPlacementBytesPerBlock);
 
-// Blocks that are cut together and then written together.
+// Blocks that are cut together and then written together, sorted by shard and ordinal.
 struct BlockBatch {
+  struct Block {
+    Placement placement;
+    volume::BlockId id = 0;
+  };
+  std::vector<Block> blocks;
   // By block.
-  std::vector<volume::BlockId> ids;
-  std::vector<Placement> placements;
   std::vector<volume::ScalarSpan> spans;
   std::vector<volume::ScalarSpan> finite_spans;  // without infinite samples
   std::vector<double> gradient_magnitudes;       // at least the longest of earlier batches
   std::vector<std::uint32_t> crcs;
   std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
+  std::vector<char> bytes;           // one block after the other
 
-  std::vector<std::uint32_t> order;  // indices into `ids`, sorted by shard and ordinal
-  std::vector<char> bytes;
-
-  // Returns the shard of block order[i].
-  [[nodiscard]] std::uint16_t ShardAt(std::size_t i) const { return placements[order[i]].shard; }
+  [[nodiscard]] std::uint16_t ShardAt(std::size_t i) const { return blocks[i].placement.shard; }
 };
 
 // The placements of all blocks, taken batch by batch. Thread-compatible.
@@ -61,8 +61,9 @@ class PlacementQueue {
   PlacementQueue(const std::string& directory, const volume::BlockLayout& layout,
                  volume::ScalarType type, const PartitionPlan& plan);
 
-  // Step 2 finds the placement of every block. Errors of the scratch file.
-  absl::Status PlaceAll(const ShardMap& shards);
+  // Step 2 finds the placement of every block of a slab, as if its shards held these blocks alone.
+  // Errors of the scratch file. REQUIRES: `layers` as PortionsOf.
+  absl::Status PlaceAll(const ShardMap& shards, const LayerRange& layers);
   // Takes the next blocks and their placements, as many as fit a batch.
   absl::Status Fill(store::BlocksInOrder* blocks, BlockBatch* batch);
 
@@ -81,8 +82,8 @@ class BatchCutter {
   BatchCutter(const volume::BlockLayout& layout, volume::ScalarType type,
               const volume::GridGeometry& geometry, int shard_count);
 
-  // Copies the batch's blocks out of a slab, finds their spans and longest gradients, counts their
-  // samples, and sorts them by shard and ordinal.
+  // Copies the batch's blocks out of a slab, finds their spans and longest gradients, and counts
+  // their samples.
   void Cut(const Slab& slab, BlockBatch* batch);
 
   // Returns the longest gradient of the blocks so far.
@@ -91,7 +92,7 @@ class BatchCutter {
 
  private:
   void CutBlocks(const Slab& slab, BlockBatch* batch) const;
-  void CountSamples(const Slab& slab, const BlockBatch& batch);
+  void CountSamples(const BlockBatch& batch);
 
   const volume::BlockLayout& layout_;
   const volume::ScalarType type_;

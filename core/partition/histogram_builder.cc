@@ -11,22 +11,24 @@
 
 #include "core/base/check.h"
 #include "core/base/coding.h"
+#include "core/partition/block_cutter.h"
 
 namespace isoscope::partition {
-volume::ScalarSpan FiniteSpanOfBlock(const volume::BlockLayout& layout, volume::ScalarType type,
-                                     const Slab& slab, volume::BlockId id) {
+volume::ScalarSpan FiniteSpanOfBlock(const volume::BlockLayout& layout,
+                                     const volume::BlockSamples& samples) {
   volume::ScalarSpan span;
-  volume::VisitScalarType(type, [&]<typename T>() {
-    ForEachRow(
-        layout, sizeof(T), slab, layout.OwnSamplesOf(id), [&](const char* row, std::size_t count) {
-          for (std::size_t i = 0; i < count; ++i) {
-            const auto value = static_cast<double>(base::LoadLittleEndian<T>(row + i * sizeof(T)));
-            if (std::isfinite(value)) {
-              span.min = std::min(span.min, value);
-              span.max = std::max(span.max, value);
-            }
-          }
-        });
+  volume::VisitScalarType(samples.type, [&]<typename T>() {
+    ForEachRow(layout, samples, layout.OwnSamplesOf(samples.block_id),
+               [&](const char* row, std::size_t count) {
+                 for (std::size_t i = 0; i < count; ++i) {
+                   const auto value =
+                       static_cast<double>(base::LoadLittleEndian<T>(row + i * sizeof(T)));
+                   if (std::isfinite(value)) {
+                     span.min = std::min(span.min, value);
+                     span.max = std::max(span.max, value);
+                   }
+                 }
+               });
   });
   return span;
 }
@@ -143,7 +145,7 @@ std::size_t HistogramBuilder::CountPairs(std::size_t count, const SampleAt& samp
   return i;
 }
 
-void HistogramBuilder::Count(int shard, absl::Span<const volume::BlockId> ids, const Slab& slab) {
+void HistogramBuilder::Count(int shard, absl::Span<const volume::BlockSamples> blocks) {
   thread_local LocalCounts local;
   local.nan = 0;
   local.negative_infinity = 0;
@@ -156,8 +158,8 @@ void HistogramBuilder::Count(int shard, absl::Span<const volume::BlockId> ids, c
     std::fill_n(bins.begin(), bin_count, std::uint32_t{0});
   }
   volume::VisitScalarType(type_, [&]<typename T>() {
-    for (const volume::BlockId id : ids) {
-      ForEachRow(layout_, sizeof(T), slab, volume::CountedSamplesOf(layout_, id),
+    for (const volume::BlockSamples& block : blocks) {
+      ForEachRow(layout_, block, volume::CountedSamplesOf(layout_, block.block_id),
                  [&](const char* row, std::size_t count) { CountRow<T>(row, count, &local); });
     }
   });

@@ -16,17 +16,17 @@
 #include "absl/types/span.h"
 
 #include "core/base/mutex.h"
-#include "core/partition/block_cutter.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/block_samples.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::partition {
 
-// Returns the span of the finite samples among a block's own ones. REQUIRES: as SpanOfBlock.
-volume::ScalarSpan FiniteSpanOfBlock(const volume::BlockLayout& layout, volume::ScalarType type,
-                                     const Slab& slab, volume::BlockId id);
+// Returns the span of the finite samples among a block's own ones.
+volume::ScalarSpan FiniteSpanOfBlock(const volume::BlockLayout& layout,
+                                     const volume::BlockSamples& samples);
 
 class HistogramBuilder {
  public:
@@ -39,8 +39,8 @@ class HistogramBuilder {
   // Widens the bins to finite samples of this span. REQUIRES: no call of Count is running.
   void Cover(const volume::ScalarSpan& finite_span);
   // Counts the samples that belong to these blocks of one shard (volume::CountedSamplesOf).
-  // Thread-safe. REQUIRES: their finite samples are covered; as SpanOfBlock.
-  void Count(int shard, absl::Span<const volume::BlockId> ids, const Slab& slab);
+  // Thread-safe. REQUIRES: their finite samples are covered; they have the builder's type.
+  void Count(int shard, absl::Span<const volume::BlockSamples> blocks);
   // Returns the range that the bins cover: of all finite samples so far; empty if there are none.
   [[nodiscard]] const volume::ScalarSpan& finite_range() const { return range_; }
   // Returns the histogram of a shard.

@@ -124,6 +124,19 @@ absl::Status LevelSpool::AddPiece(const Below& below, const Piece& piece) {
                         static_cast<std::size_t>((piece.end_y - piece.begin_y) * row_bytes));
 }
 
+absl::Status LevelSpool::AddRows(std::int64_t begin_row, const char* samples,
+                                 std::int64_t row_count) {
+  const std::int64_t row_bytes = level_.grid.sample_dims.x * SampleBytes(level_);
+  return file_->WriteAt(begin_row * row_bytes, samples,
+                        static_cast<std::size_t>(row_count * row_bytes));
+}
+
+LayerRange LevelSpool::PlanesOf(const volume::BlockLayout& layout, const LayerRange& layers) const {
+  const Range planes = Halved(layers.begin * layout.block_cells().z,
+                              layers.end * layout.block_cells().z, level_.grid.sample_dims.z);
+  return {.begin = planes.begin, .end = planes.end};
+}
+
 std::unique_ptr<source::VolumeSource> LevelSpool::MakeSource(const std::string& name) const {
   source::SourceInfo info;
   info.name = name;

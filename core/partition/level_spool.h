@@ -40,6 +40,13 @@ class LevelSpool {
   // made in one portion alone, whose slab has all samples that it needs: blocks store ghosts.
   absl::Status Add(const volume::BlockLayout& layout, const Slab& slab, const Portion& portion);
 
+  // Takes whole rows as they are, row = z * ny + y: those that another process has made of its part
+  // of the level below (part_writer.h).
+  absl::Status AddRows(std::int64_t begin_row, const char* samples, std::int64_t row_count);
+  // Returns the planes that Add makes of these layers of the level below.
+  [[nodiscard]] LayerRange PlanesOf(const volume::BlockLayout& layout,
+                                    const LayerRange& layers) const;
+
   // Returns the samples as a source, once all portions were added. The spool must outlive it.
   // name: for messages
   [[nodiscard]] std::unique_ptr<source::VolumeSource> MakeSource(const std::string& name) const;

@@ -27,6 +27,7 @@
 
 #include "absl/strings/str_format.h"
 
+#include "core/base/memory_info.h"
 #include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/partition/histogram_builder.h"
@@ -38,8 +39,12 @@ namespace {
 
 // Portions of several layers take at most this, even if the limit allows more.
 constexpr std::int64_t kMaxPortionBytes = base::kGiB;
-constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
-// Lists of both batches: ids, offsets, order, placements, spans and checksums of 8192 blocks.
+// The writer takes batches from a short queue, so that neither it nor the cutter waits for single
+// ones.
+constexpr std::int64_t kBatchBytes = 2 * base::kMiB;
+constexpr std::int64_t kBatchesBytes = 8 * base::kMiB;
+constexpr std::int64_t kMaxBatchCount = 4;
+// Lists of all batches: ids, placements, offsets, spans and checksums of 4 * 4096 blocks.
 constexpr std::int64_t kBatchTableBytes = 3 * base::kMiB / 2;
 constexpr std::int64_t kBatchTableBytesPerBlock = 128;
 
@@ -99,10 +104,12 @@ class Planner {
     const math::Index3& cells = layout.block_cells();
     const std::int64_t max_block_bytes =
         (cells.x + 3) * (cells.y + 3) * (cells.z + 3) * sample_size_;
-    // A small volume is one batch.
+    // A small volume is two batches.
     plan_.batch_bytes =
         std::max(max_block_bytes, std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes,
-                                            layout.block_count() * max_block_bytes}));
+                                            (layout.block_count() + 1) / 2 * max_block_bytes}));
+    plan_.batch_count =
+        std::clamp<std::int64_t>(kBatchesBytes / plan_.batch_bytes, 2, kMaxBatchCount);
   }
 
   [[nodiscard]] const PartitionPlan& plan() const { return plan_; }
@@ -180,7 +187,7 @@ class Planner {
     const std::int64_t dealing = range_bytes + (is_greedy_ ? kDealingBytesPerBlock * blocks : 0);
     const std::int64_t writing = dealt_bytes + plan_.placement_bytes + plan_.entry_bytes +
                                  portions + portion_range_bytes + histogram_bytes + file_bytes +
-                                 2 * plan_.batch_bytes +
+                                 plan_.batch_count * plan_.batch_bytes +
                                  std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
     const std::int64_t indexing = dealt_bytes + histogram_bytes + plan_.entry_bytes +
                                   plan_.tree_bytes + file_bytes + plan_.file_buffer_bytes +
@@ -201,6 +208,26 @@ class Planner {
 };
 
 }  // namespace
+
+std::int64_t StoredBytes(const volume::BlockLayout& layout, volume::ScalarType type,
+                         std::int64_t begin_layer, std::int64_t end_layer) {
+  // Extents along an axis do not depend on the other axes.
+  const auto sum = [&](int axis, std::int64_t begin, std::int64_t end) {
+    std::int64_t samples = 0;
+    for (std::int64_t i = begin; i < end; ++i) {
+      math::Index3 index{};
+      index[axis] = i;
+      samples += layout.StoredSamplesOf(layout.IdOf(index)).dims()[axis];
+    }
+    return samples;
+  };
+  return sum(0, 0, layout.block_dims().x) * sum(1, 0, layout.block_dims().y) *
+         sum(2, begin_layer, end_layer) * static_cast<std::int64_t>(volume::SizeOf(type));
+}
+
+std::int64_t CachedBytes() {
+  return std::max(static_cast<std::int64_t>(base::UsableBytes() / 8), std::int64_t{base::kGiB});
+}
 
 absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
                                             volume::ScalarType type, int shard_count,
@@ -243,6 +270,16 @@ std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan
   const auto divide_up = [](std::int64_t n, std::int64_t size) { return (n + size - 1) / size; };
   return divide_up(layout.block_dims().z, plan.layers_per_portion) *
          divide_up(layout.block_dims().y, plan.block_rows_per_portion);
+}
+
+PortionRange PortionsOf(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                        const LayerRange& layers) {
+  const std::int64_t bands =
+      (layout.block_dims().y + plan.block_rows_per_portion - 1) / plan.block_rows_per_portion;
+  const auto portions_below = [&](std::int64_t layer) {
+    return (layer + plan.layers_per_portion - 1) / plan.layers_per_portion * bands;
+  };
+  return {.begin = portions_below(layers.begin), .end = portions_below(layers.end)};
 }
 
 Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i) {

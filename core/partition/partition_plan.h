@@ -25,7 +25,8 @@ struct PartitionPlan {
   // The next portion is read while this one is cut.
   bool is_double_buffered = false;
   std::int64_t portion_bytes = 0;  // samples of the largest portion
-  std::int64_t batch_bytes = 0;    // blocks cut before they are written; there are two batches
+  std::int64_t batch_bytes = 0;    // blocks cut before they are written
+  std::int64_t batch_count = 0;    // one is cut, and others are written
   // Memory of the sorters, which spill to disk beyond it.
   std::int64_t placement_bytes = 0;    // placements of all blocks
   std::int64_t entry_bytes = 0;        // spans and checksums of all blocks
@@ -39,11 +40,20 @@ struct PartitionPlan {
   }
 };
 
+// Returns the bytes of all blocks of some layers as they are stored, ghost samples included.
+std::int64_t StoredBytes(const volume::BlockLayout& layout, volume::ScalarType type,
+                         std::int64_t begin_layer, std::int64_t end_layer);
+
+// Returns the most bytes of blocks that go through the page cache by default: an eighth of the
+// memory that this process may use, at least 1 GiB. The cache keeps these for the first frames. It
+// would not keep more, and a copy of them takes longer than many a disk.
+std::int64_t CachedBytes();
+
 // INVALID_ARGUMENT unless each shard gets a block, and there are at most kMaxShardCount.
 absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layout);
 
 // The most blocks of a batch.
-inline constexpr std::int64_t kMaxBatchBlocks = 8192;
+inline constexpr std::int64_t kMaxBatchBlocks = 4096;
 
 // Sizes of the records that are sorted, one of each for each block.
 inline constexpr std::int64_t kPlacementBytesPerBlock = 24;
@@ -69,6 +79,24 @@ struct Portion {
   std::int64_t begin_row = 0;
   std::int64_t end_row = 0;
 };
+
+// Layers of blocks [begin, end): a slab of the volume.
+struct LayerRange {
+  std::int64_t begin = 0;
+  std::int64_t end = 0;
+
+  friend bool operator==(const LayerRange&, const LayerRange&) = default;
+};
+
+// Portions [begin, end).
+struct PortionRange {
+  std::int64_t begin = 0;
+  std::int64_t end = 0;
+};
+// Returns the portions of a slab. REQUIRES: it begins at a multiple of store::kCubeEdge layers, and
+// ends at one or with the volume.
+PortionRange PortionsOf(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                        const LayerRange& layers);
 
 std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan);
 // Returns portion i: ascending by layers, and in a layer by bands.

@@ -43,6 +43,8 @@ struct PartitionOptions {
   LevelOptions levels{};                // coarser volumes beside the samples
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
+  // Blocks of more bytes than this are written past the page cache. Default: CachedBytes().
+  std::optional<std::int64_t> max_cached_bytes{};
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
   // Asked once all was read, before the output gets its name: an error is returned, and the output
   // removed. May be null. It tells whether the source has changed meanwhile.

@@ -52,7 +52,7 @@ absl::Status PortionReader::Read(std::int64_t i, const char* previous, char* out
   }
   const std::int64_t plane_bytes = row_bytes_ * layout_.sample_dims().y;
   std::int64_t begin = box.begin.z;
-  if (i > 0) {
+  if (previous != nullptr) {
     const math::IndexBox before = SamplesOfPortion(layout_, PortionAt(layout_, plan_, i - 1));
     const std::int64_t kept = std::max<std::int64_t>(before.end.z - begin, 0);
     std::memmove(out, previous + (before.end.z - kept - before.begin.z) * plane_bytes,
@@ -63,16 +63,23 @@ absl::Status PortionReader::Read(std::int64_t i, const char* previous, char* out
 }
 
 absl::Status PortionReader::ForEachPortion(
+    const PortionRange& portions,
     absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit,
     absl::FunctionRef<void(double)> report) {
-  const std::int64_t count = PortionCount(layout_, plan_);
+  if (portions.begin == portions.end) {
+    return absl::OkStatus();
+  }
   const std::size_t buffer_count = plan_.is_double_buffered ? 2 : 1;
   std::array<std::vector<char>, 2> buffers;
   for (std::size_t buffer = 0; buffer < buffer_count; ++buffer) {
     buffers[buffer].resize(static_cast<std::size_t>(plan_.portion_bytes));
   }
-  ISOSCOPE_RETURN_IF_ERROR(Read(0, nullptr, buffers[0].data()));
-  for (std::int64_t i = 0; i < count; ++i) {
+  // Planes before the first portion are not staged.
+  staged_end_ = SamplesOfPortion(layout_, PortionAt(layout_, plan_, portions.begin)).begin.z;
+  ISOSCOPE_RETURN_IF_ERROR(
+      Read(portions.begin, nullptr,
+           buffers[static_cast<std::size_t>(portions.begin) % buffer_count].data()));
+  for (std::int64_t i = portions.begin; i < portions.end; ++i) {
     const char* current = buffers[static_cast<std::size_t>(i) % buffer_count].data();
     char* next = buffers[static_cast<std::size_t>(i + 1) % buffer_count].data();
     absl::Status read;
@@ -86,19 +93,20 @@ absl::Status PortionReader::ForEachPortion(
     absl::Status visited;
     {
       tbb::task_group ahead;
-      if (buffer_count > 1 && i + 1 < count) {
+      if (buffer_count > 1 && i + 1 < portions.end) {
         ahead.run(read_next);
       }
       visited = visit(slab, portion);
       ahead.wait();
     }
     ISOSCOPE_RETURN_IF_ERROR(visited);
-    if (buffer_count == 1 && i + 1 < count) {
+    if (buffer_count == 1 && i + 1 < portions.end) {
       read_next();
     }
     ISOSCOPE_RETURN_IF_ERROR(read);
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    report(static_cast<double>(i + 1) / static_cast<double>(count));
+    report(static_cast<double>(i + 1 - portions.begin) /
+           static_cast<double>(portions.end - portions.begin));
   }
   return absl::OkStatus();
 }

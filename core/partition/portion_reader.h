@@ -33,18 +33,19 @@ class PortionReader {
   // Returns the memory that staging takes.
   static std::int64_t StagingBytes(const source::VolumeSource& source);
 
-  // Reads a portion. Portions come in ascending order from 0, and from 0 again for another pass.
+  // Reads a portion. Portions come in ascending order, and from the first again for another pass.
   //
-  // previous: portion i - 1 as it was read; null for i = 0; may be `out`
+  // previous: portion i - 1 as it was read; null for the first of a pass; may be `out`
   // out:      [z][y][x] over SamplesOfPortion, x fastest; plan.portion_bytes suffice
   //
   // Errors: the source's, the scratch file's, CANCELLED.
   absl::Status Read(std::int64_t i, const char* previous, char* out);
 
-  // Passes over the volume once: calls visit(slab, portion), then report(share of the portions that
+  // Passes over some portions once: calls visit(slab, portion), then report(share of the portions that
   // are done). The next portion is read while `visit` works on this one, if the plan has two
   // buffers. Errors as Read, and those of `visit`.
-  absl::Status ForEachPortion(absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit,
+  absl::Status ForEachPortion(const PortionRange& portions,
+                              absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit,
                               absl::FunctionRef<void(double)> report);
 
  private:

@@ -37,6 +37,10 @@ class SamplesDigest {
   // Adds the rows of `other`.
   void Add(const SamplesDigest& other);
 
+  // The sum of the rows so far, and adding one.
+  [[nodiscard]] const DigestSum& sum() const { return sum_; }
+  void AddSum(const DigestSum& sum) { sum_ = SumOf(sum_, sum); }
+
   // 32 lower-case hex digits.
   [[nodiscard]] std::string Finish(const volume::GridGeometry& geometry,
                                    volume::ScalarType type) const;

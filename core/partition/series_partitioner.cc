@@ -53,39 +53,6 @@ std::string TrimmedPath(std::string path) {
   return path;
 }
 
-// Digest of grid, cut, fields and the first step that has volumes. The ids of volumes are digests
-// of samples, grid and cut.
-std::string ComputeSeriesId(const store::SeriesManifest& series) {
-  std::string text = "isoscope series 1\n";
-  const auto add = [&text](absl::string_view part) {
-    absl::StrAppend(&text, part.size(), " ", part, "\n");
-  };
-  add(absl::StrCat(series.shard_count));
-  add(series.length_unit);
-  add(series.time_unit);
-  add(series.times.empty() ? "" : absl::StrFormat("%a", series.times[0]));
-  for (const store::Field& field : series.fields) {
-    add(field.name);
-    add(field.unit);
-    for (const store::FieldComponent& component : field.components) {
-      add(component.name);
-    }
-  }
-  for (const store::ScalarVolume& volume : series.volumes) {
-    if (volume.key.step == series.volumes.front().key.step) {  // ascending by step
-      add(store::ScalarVolumeDirectoryName(volume.key));
-      add(volume.dataset_id);
-    }
-  }
-  for (const volume::Label& label : series.labels) {
-    add(absl::StrFormat("label %a", label.value));
-    add(label.name);
-    add(label.color.has_value() ? volume::ToHex(*label.color) : "");
-  }
-  constexpr std::size_t kIdDigits = 32;
-  return base::Sha256Hex(text).substr(0, kIdDigits);
-}
-
 std::vector<store::ScalarVolumeKey> KeysOf(const std::vector<VolumeTask>& tasks) {
   std::vector<store::ScalarVolumeKey> keys;
   keys.reserve(tasks.size());
@@ -114,15 +81,6 @@ PartitionOptions WithLevelsOf(const store::SeriesManifest& series, PartitionOpti
   return options;
 }
 
-absl::Status WriteManifests(const std::string& directory, const store::SeriesManifest& series) {
-  for (int shard = 0; shard < series.shard_count; ++shard) {
-    ISOSCOPE_RETURN_IF_ERROR(store::WriteSeriesManifest(
-        absl::StrCat(directory, "/", store::ShardDirectoryName(shard, series.shard_count)), series,
-        shard));
-  }
-  return store::WriteSeriesManifest(directory, series, -1);
-}
-
 // Steps 4 and 5 of appending.
 absl::Status MoveIntoSeries(const std::string& directory, const SeriesWorkFolder& folder,
                             const store::SeriesManifest& before,
@@ -138,7 +96,7 @@ absl::Status MoveIntoSeries(const std::string& directory, const SeriesWorkFolder
       }
     }
   }
-  return WriteManifests(directory, after);
+  return WriteSeriesManifests(directory, after);
 }
 
 // True if `after` is `before` and what was appended to it.
@@ -187,6 +145,48 @@ absl::StatusOr<store::SeriesManifest> OpenToAppend(const std::string& directory)
 
 }  // namespace
 
+// The ids of volumes are digests of samples, grid and cut.
+std::string ComputeSeriesId(const store::SeriesManifest& series) {
+  std::string text = "isoscope series 1\n";
+  const auto add = [&text](absl::string_view part) {
+    absl::StrAppend(&text, part.size(), " ", part, "\n");
+  };
+  add(absl::StrCat(series.shard_count));
+  add(series.length_unit);
+  add(series.time_unit);
+  add(series.times.empty() ? "" : absl::StrFormat("%a", series.times[0]));
+  for (const store::Field& field : series.fields) {
+    add(field.name);
+    add(field.unit);
+    for (const store::FieldComponent& component : field.components) {
+      add(component.name);
+    }
+  }
+  for (const store::ScalarVolume& volume : series.volumes) {
+    if (volume.key.step == series.volumes.front().key.step) {  // ascending by step
+      add(store::ScalarVolumeDirectoryName(volume.key));
+      add(volume.dataset_id);
+    }
+  }
+  for (const volume::Label& label : series.labels) {
+    add(absl::StrFormat("label %a", label.value));
+    add(label.name);
+    add(label.color.has_value() ? volume::ToHex(*label.color) : "");
+  }
+  constexpr std::size_t kIdDigits = 32;
+  return base::Sha256Hex(text).substr(0, kIdDigits);
+}
+
+absl::Status WriteSeriesManifests(const std::string& directory,
+                                  const store::SeriesManifest& series) {
+  for (int shard = 0; shard < series.shard_count; ++shard) {
+    ISOSCOPE_RETURN_IF_ERROR(store::WriteSeriesManifest(
+        absl::StrCat(directory, "/", store::ShardDirectoryName(shard, series.shard_count)), series,
+        shard));
+  }
+  return store::WriteSeriesManifest(directory, series, -1);
+}
+
 bool NeedsSeries(const source::VolumeSeries& source) {
   return source.info().fields.size() > 1 || source.info().fields[0].components.size() > 1 ||
          !source.info().times.empty();
@@ -218,7 +218,7 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& sour
                                         folder.get(), &series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(folder->RemoveOtherVolumes(KeysOf(tasks)));
   series.dataset_id = ComputeSeriesId(series);
-  ISOSCOPE_RETURN_IF_ERROR(WriteManifests(folder->path(), series));
+  ISOSCOPE_RETURN_IF_ERROR(WriteSeriesManifests(folder->path(), series));
   ISOSCOPE_RETURN_IF_ERROR(folder->MoveTo(output));
   return series;
 }

@@ -5,6 +5,7 @@
 #define ISOSCOPE_CORE_PARTITION_SERIES_PARTITIONER_H_
 
 #include <functional>
+#include <string>
 
 #include "absl/status/statusor.h"
 
@@ -63,6 +64,13 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& sour
 absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& source,
                                                      const SeriesPartitionOptions& options,
                                                      const base::Cancellation& cancellation);
+
+// Returns the id of a series: a digest of grid, cut, fields and the first step that has volumes.
+// REQUIRES: its volumes are in their order.
+std::string ComputeSeriesId(const store::SeriesManifest& series);
+// Writes the manifest into the folders of all shards, then into the dataset's.
+absl::Status WriteSeriesManifests(const std::string& directory,
+                                  const store::SeriesManifest& series);
 
 }  // namespace isoscope::partition
 

@@ -80,6 +80,12 @@ absl::Status RemovePartialManifests(const std::string& directory, int shard_coun
 
 absl::StatusOr<std::unique_ptr<SeriesWorkFolder>> SeriesWorkFolder::Take(const std::string& path) {
   std::unique_ptr<SeriesWorkFolder> folder(new SeriesWorkFolder(path));
+  if (io::IsDirectory(absl::StrCat(path, "/parts"))) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": holds parts of this dataset (`isoscope info ", path,
+                     "`): join them with `isoscope partition --finish ",
+                     path.substr(0, path.rfind(".partial")), "`, or remove that folder"));
+  }
   ISOSCOPE_RETURN_IF_ERROR(MakeFolder(path));
   absl::StatusOr<std::unique_ptr<io::FileLock>> lock =
       io::FileLock::Take(absl::StrCat(path, "/", kLockName));

@@ -1,15 +1,21 @@
 #include "core/partition/shard_set.h"
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "absl/functional/function_ref.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 #include "oneapi/tbb/parallel_for.h"
 
 #include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
 #include "core/store/histogram_file.h"
@@ -19,6 +25,8 @@ namespace isoscope::partition {
 namespace {
 
 constexpr std::uint32_t kBlocksBetweenChecks = 1 << 16;
+// Smaller writes past the page cache take longer than copies into it.
+constexpr std::int64_t kMinDirectBytes = 256 * base::kKiB;
 
 }  // namespace
 
@@ -30,16 +38,20 @@ ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layo
       plan_(plan),
       entries_(directory, plan.entry_bytes) {}
 
-absl::Status ShardSet::Create(int shard_count) {
+absl::Status ShardSet::Create(int shard_count, bool is_direct) {
+  const auto buffer_bytes = static_cast<std::size_t>(plan_.file_buffer_bytes);
+  const bool are_blocks_direct = is_direct && plan_.file_buffer_bytes >= kMinDirectBytes;
   for (int shard = 0; shard < shard_count; ++shard) {
     directories_.push_back(
         absl::StrCat(directory_, "/", store::ShardDirectoryName(shard, shard_count)));
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::unique_ptr<store::ShardWriter> writer,
         store::ShardWriter::Create(directories_.back(), layout_, type_,
-                                   [this](const std::string& path) {
-                                     return io::CreateBufferedFile(
-                                         path, static_cast<std::size_t>(plan_.file_buffer_bytes));
+                                   [buffer_bytes, are_blocks_direct](const std::string& path) {
+                                     return are_blocks_direct &&
+                                                    absl::EndsWith(path, store::kBlocksFileName)
+                                                ? io::CreateDirectFile(path, buffer_bytes)
+                                                : io::CreateBufferedFile(path, buffer_bytes);
                                    }));
     writers_.push_back(std::move(writer));
   }
@@ -47,36 +59,48 @@ absl::Status ShardSet::Create(int shard_count) {
 }
 
 absl::Status ShardSet::Write(BlockBatch* batch) {
-  std::vector<std::size_t> begins;  // in `order`: the first block of each shard, and the end
-  for (std::size_t i = 0; i < batch->order.size(); ++i) {
+  std::vector<std::size_t> begins;  // the first block of each shard, and the end
+  for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
     if (i == 0 || batch->ShardAt(i) != batch->ShardAt(i - 1)) {
       begins.push_back(i);
     }
   }
-  begins.push_back(batch->order.size());
-  batch->crcs.resize(batch->ids.size());
+  begins.push_back(batch->blocks.size());
   std::vector<absl::Status> statuses(begins.size() - 1);
   tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t k) {
-    store::ShardWriter& writer = *writers_[batch->ShardAt(begins[k])];
-    for (std::size_t i = begins[k]; i < begins[k + 1] && statuses[k].ok(); ++i) {
-      const std::size_t at = batch->order[i];
-      const absl::StatusOr<std::uint32_t> crc32c =
-          writer.WriteBlock(batch->ids[at], batch->placements[at].offset,
-                            absl::string_view(batch->bytes.data() + batch->offsets[at],
-                                              batch->offsets[at + 1] - batch->offsets[at]));
-      statuses[k] = crc32c.status();
-      batch->crcs[at] = crc32c.value_or(0);
-    }
+    statuses[k] = WriteOfShard(begins[k], begins[k + 1], batch);
   });
   for (const absl::Status& status : statuses) {
     ISOSCOPE_RETURN_IF_ERROR(status);
   }
-  for (std::size_t i = 0; i < batch->ids.size(); ++i) {
+  for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
+    const auto& [placement, id] = batch->blocks[i];
     ISOSCOPE_RETURN_IF_ERROR(entries_.Add({.span = batch->spans[i],
-                                           .id = batch->ids[i],
-                                           .ordinal = batch->placements[i].ordinal,
+                                           .id = id,
+                                           .ordinal = placement.ordinal,
                                            .crc32c = batch->crcs[i],
-                                           .shard = batch->placements[i].shard}));
+                                           .shard = placement.shard}));
+  }
+  return absl::OkStatus();
+}
+
+// Blocks with successive ordinals are neighbours in the batch and in the file: one write for them.
+absl::Status ShardSet::WriteOfShard(std::size_t begin, std::size_t end, BlockBatch* batch) {
+  store::ShardWriter& writer = *writers_[batch->ShardAt(begin)];
+  for (std::size_t first = begin; first < end;) {
+    std::size_t last = first;
+    std::vector<volume::BlockId> ids;
+    do {
+      ids.push_back(batch->blocks[last].id);
+      ++last;
+    } while (last < end && batch->blocks[last].placement.ordinal ==
+                               batch->blocks[last - 1].placement.ordinal + 1);
+    ISOSCOPE_RETURN_IF_ERROR(
+        writer.WriteBlocks(ids, batch->blocks[first].placement.offset,
+                           absl::string_view(batch->bytes.data() + batch->offsets[first],
+                                             batch->offsets[last] - batch->offsets[first]),
+                           absl::MakeSpan(batch->crcs).subspan(first, last - first)));
+    first = last;
   }
   return absl::OkStatus();
 }
@@ -127,6 +151,62 @@ absl::StatusOr<store::ShardSummary> ShardSet::FinishShard(std::size_t shard,
       io::WriteWholeFile(absl::StrCat(directories_[shard], "/", store::kHistogramFileName),
                          store::EncodeHistogram(type_, histograms.Get(static_cast<int>(shard)))));
   return summary;
+}
+
+absl::StatusOr<std::vector<store::ShardPiece>> ShardSet::FinishPieces(
+    const HistogramBuilder& histograms, store::BlockEncoding compression,
+    const base::Cancellation& cancellation) {
+  ISOSCOPE_RETURN_IF_ERROR(entries_.Finish());
+  std::vector<store::ShardPiece> pieces;
+  for (std::size_t shard = 0; shard < directories_.size(); ++shard) {
+    ISOSCOPE_ASSIGN_OR_RETURN(store::ShardPiece piece,
+                              FinishPiece(shard, histograms, cancellation));
+    if (piece.summary.block_count > 0 && compression != store::BlockEncoding::kRaw) {
+      ISOSCOPE_ASSIGN_OR_RETURN(piece.summary,
+                                Compress(shard, piece.summary, compression, cancellation));
+    }
+    if (piece.summary.block_count > 0) {
+      ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directories_[shard]));
+    }
+    pieces.push_back(piece);
+  }
+  return pieces;
+}
+
+// Takes the entries of the shard, which come next.
+absl::StatusOr<store::ShardPiece> ShardSet::FinishPiece(std::size_t shard,
+                                                        const HistogramBuilder& histograms,
+                                                        const base::Cancellation& cancellation) {
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  if (entries_.is_at_end() || entries_.current().shard != shard) {
+    writers_[shard].reset();
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(directories_[shard]));
+    return store::ShardPiece{};
+  }
+  store::ShardPiece piece;
+  store::ShardWriter& writer = *writers_[shard];
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<io::WritableFile> spans,
+      io::CreateWritableFile(absl::StrCat(directories_[shard], "/", store::kSpansFileName)));
+  for (; !entries_.is_at_end() && entries_.current().shard == shard;) {
+    const Entry& entry = entries_.current();
+    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(entry.id, entry.crc32c));
+    std::array<char, store::kSpanBytes> span{};
+    base::StoreLittleEndian(entry.span.min, span.data());
+    base::StoreLittleEndian(entry.span.max, span.data() + sizeof(double));
+    piece.spans_crc32c = base::ExtendCrc32c(piece.spans_crc32c, span.data(), span.size());
+    ISOSCOPE_RETURN_IF_ERROR(spans->Append({span.data(), span.size()}));
+    ISOSCOPE_RETURN_IF_ERROR(entries_.Advance());
+  }
+  ISOSCOPE_RETURN_IF_ERROR(spans->Close());
+  ISOSCOPE_ASSIGN_OR_RETURN(piece.summary, writer.Finish());
+  writers_[shard].reset();  // frees its buffers
+  const std::string histogram =
+      store::EncodeHistogram(type_, histograms.Get(static_cast<int>(shard)));
+  piece.histogram_crc32c = base::Crc32c(histogram);
+  ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
+      absl::StrCat(directories_[shard], "/", store::kHistogramFileName), histogram));
+  return piece;
 }
 
 // Takes the memory that the shard's tree was built in.

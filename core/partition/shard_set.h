@@ -20,6 +20,7 @@
 #include "core/partition/histogram_builder.h"
 #include "core/partition/partition_plan.h"
 #include "core/store/manifest.h"
+#include "core/store/part_file.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "core/volume/block_layout.h"
@@ -34,8 +35,9 @@ class ShardSet {
   ShardSet(const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
            const PartitionPlan& plan);
 
-  // Creates the folders and the files of blocks.
-  absl::Status Create(int shard_count);
+  // Creates the folders and the files of blocks. is_direct: past the page cache, if the plan's
+  // buffers are large enough for that
+  absl::Status Create(int shard_count, bool is_direct);
   // Writes the blocks of a batch that was cut, those of a shard by one thread in the order of its
   // file, so that neighbours are written together.
   absl::Status Write(BlockBatch* batch);
@@ -44,6 +46,12 @@ class ShardSet {
   absl::StatusOr<std::vector<store::ShardSummary>> Finish(const HistogramBuilder& histograms,
                                                           store::BlockEncoding compression,
                                                           const base::Cancellation& cancellation);
+
+  // The same for the blocks of one slab: without the interval tree, which the whole shard has, but
+  // with spans.bin. A shard without blocks loses its folder.
+  absl::StatusOr<std::vector<store::ShardPiece>> FinishPieces(
+      const HistogramBuilder& histograms, store::BlockEncoding compression,
+      const base::Cancellation& cancellation);
 
   [[nodiscard]] const std::vector<std::string>& directories() const { return directories_; }
 
@@ -63,6 +71,11 @@ class ShardSet {
   };
   static_assert(sizeof(Entry) == kEntryBytesPerBlock);
 
+  // Writes blocks [begin, end) of a batch, all of one shard.
+  absl::Status WriteOfShard(std::size_t begin, std::size_t end, BlockBatch* batch);
+  absl::StatusOr<store::ShardPiece> FinishPiece(std::size_t shard,
+                                                const HistogramBuilder& histograms,
+                                                const base::Cancellation& cancellation);
   absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard,
                                                   const HistogramBuilder& histograms,
                                                   const base::Cancellation& cancellation);

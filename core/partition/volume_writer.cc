@@ -26,7 +26,7 @@
 // Their placements have the ordinals 0, 0, 1 and the offsets 0, 0, 100. If C is cut before B, its
 // position is the lower one, and C is written first.
 //
-// The next portion is read, a batch is cut and the batch before it is written at the same time.
+// The next portion is read, a batch is cut and the batches before it are written at the same time.
 //
 // Invariants: the placement taken next has the position that counts the blocks cut so far; the
 // entries of a shard have the ordinals 0, 1, 2, ...; the bytes depend on source and options alone.
@@ -47,7 +47,6 @@
 #include "absl/strings/str_format.h"
 #include "oneapi/tbb/enumerable_thread_specific.h"
 #include "oneapi/tbb/parallel_for.h"
-#include "oneapi/tbb/task_group.h"
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
@@ -148,13 +147,48 @@ std::int64_t VolumeWriter::PassBytes(const source::SourceInfo& info) {
 absl::StatusOr<store::Manifest> VolumeWriter::Write(const std::string& directory,
                                                     const std::string& name,
                                                     LevelSpool* next_level) {
+  ISOSCOPE_RETURN_IF_ERROR(
+      WriteLayers(directory, {.begin = 0, .end = layout_.block_dims().z}, next_level));
+  return Finish(name);
+}
+
+absl::StatusOr<SlabSummary> VolumeWriter::WriteSlab(const std::string& directory,
+                                                    const LayerRange& layers,
+                                                    LevelSpool* next_level) {
+  pass_bytes_ = static_cast<std::int64_t>(static_cast<double>(pass_bytes_) *
+                                          static_cast<double>(layers.end - layers.begin) /
+                                          static_cast<double>(layout_.block_dims().z));
+  progress_.total_bytes = pass_bytes_;
+  ISOSCOPE_RETURN_IF_ERROR(WriteLayers(directory, layers, next_level));
+  SlabSummary summary{.shards = {},
+                      .ranges_crc32c = 0,
+                      .value_range = value_range_,
+                      .finite_range = cutter_->histograms().finite_range(),
+                      .max_gradient_magnitude = cutter_->max_gradient_magnitude(),
+                      .digest_sum = samples_digest_.sum()};
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      summary.shards,
+      shards_->FinishPieces(cutter_->histograms(), options_.compression, cancellation_));
+  ISOSCOPE_ASSIGN_OR_RETURN(summary.ranges_crc32c, range_writer_->Finish());
+  cutter_.reset();
+  shards_.reset();
+  return summary;
+}
+
+absl::Status VolumeWriter::WriteLayers(const std::string& directory, const LayerRange& layers,
+                                       LevelSpool* next_level) {
   PortionReader reader(&source_, layout_, plan_, directory, &cancellation_);
   ISOSCOPE_ASSIGN_OR_RETURN(const ShardMap map, DealOut(&reader));
   progress_.phase = "writing blocks";
   placements_.emplace(directory, layout_, type_, plan_);
-  ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map));
+  ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map, layers));
   shards_.emplace(directory, layout_, type_, plan_);
-  ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count));
+  // Compression reads the blocks again at once.
+  const bool is_direct = options_.compression == store::BlockEncoding::kRaw &&
+                         StoredBytes(layout_, type_, layers.begin, layers.end) >
+                             options_.max_cached_bytes.value_or(CachedBytes());
+  ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count, is_direct));
+  batch_writer_.emplace(&*shards_, static_cast<std::size_t>(plan_.batch_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
                             store::RangeTableWriter::Create(
                                 absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
@@ -166,22 +200,25 @@ absl::StatusOr<store::Manifest> VolumeWriter::Write(const std::string& directory
     }
     return WriteBlocks(slab, portion);
   };
-  ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, visit));
-  batches_ = {};
+  ISOSCOPE_RETURN_IF_ERROR(Pass(&reader, layers, visit));
+  ISOSCOPE_RETURN_IF_ERROR(batch_writer_->Finish());
+  batch_writer_.reset();
   placements_.reset();
   progress_.phase = "building index";
   Report();
-  return Finish(name);
+  return absl::OkStatus();
 }
 
 absl::Status VolumeWriter::Pass(
-    PortionReader* reader, absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit) {
+    PortionReader* reader, const LayerRange& layers,
+    absl::FunctionRef<absl::Status(const Slab&, const Portion&)> visit) {
   const std::int64_t done_before = progress_.done_bytes;
-  ISOSCOPE_RETURN_IF_ERROR(reader->ForEachPortion(visit, [&](double share) {
-    progress_.done_bytes =
-        done_before + static_cast<std::int64_t>(static_cast<double>(pass_bytes_) * share);
-    Report();
-  }));
+  ISOSCOPE_RETURN_IF_ERROR(
+      reader->ForEachPortion(PortionsOf(layout_, plan_, layers), visit, [&](double share) {
+        progress_.done_bytes =
+            done_before + static_cast<std::int64_t>(static_cast<double>(pass_bytes_) * share);
+        Report();
+      }));
   progress_.done_bytes = done_before + pass_bytes_;
   Report();
   return absl::OkStatus();
@@ -200,15 +237,15 @@ absl::StatusOr<ShardMap> VolumeWriter::DealOut(PortionReader* reader) {
   }
   progress_.phase = "reading ranges";
   volume::RangeTable ranges(type_, layout_.block_count());
-  ISOSCOPE_RETURN_IF_ERROR(Pass(reader, [&](const Slab& slab, const Portion& portion) {
-    FindSpans(layout_, type_, slab, portion, &ranges);
-    return absl::OkStatus();
-  }));
+  ISOSCOPE_RETURN_IF_ERROR(Pass(reader, {.begin = 0, .end = layout_.block_dims().z},
+                                [&](const Slab& slab, const Portion& portion) {
+                                  FindSpans(layout_, type_, slab, portion, &ranges);
+                                  return absl::OkStatus();
+                                }));
   return ShardMap::Greedy(ranges, options_.shard_count);
 }
 
-// Step 3 cuts and writes the blocks of a portion in batches: one batch is cut, in parallel, while
-// the one before is written.
+// Step 3 cuts the blocks of a portion in batches, in parallel, while those before are written.
 absl::Status VolumeWriter::WriteBlocks(const Slab& slab, const Portion& portion) {
   store::BlocksInOrder blocks(BlocksOfPortion(layout_, portion));
   // The ids of a portion's blocks are consecutive.
@@ -216,27 +253,16 @@ absl::Status VolumeWriter::WriteBlocks(const Slab& slab, const Portion& portion)
   volume::RangeTable ranges(type_, (portion.end_layer - portion.begin_layer) *
                                        (portion.end_row - portion.begin_row) *
                                        layout_.block_dims().x);
-  absl::Status written;
-  tbb::task_group writing;
-  for (std::size_t turn = 0; !blocks.is_at_end(); turn = 1 - turn) {
-    BlockBatch& batch = batches_[turn];
-    absl::Status status = cancellation_.Check();
-    if (status.ok()) {
-      status = placements_->Fill(&blocks, &batch);
+  while (!blocks.is_at_end()) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    ISOSCOPE_ASSIGN_OR_RETURN(BlockBatch* const batch, batch_writer_->Take());
+    ISOSCOPE_RETURN_IF_ERROR(placements_->Fill(&blocks, batch));
+    cutter_->Cut(slab, batch);
+    for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
+      ranges.Set(batch->blocks[i].id - first_id, batch->spans[i]);
     }
-    if (status.ok()) {
-      cutter_->Cut(slab, &batch);
-      for (std::size_t i = 0; i < batch.ids.size(); ++i) {
-        ranges.Set(batch.ids[i] - first_id, batch.spans[i]);
-      }
-    }
-    writing.wait();  // also before an error is returned
-    ISOSCOPE_RETURN_IF_ERROR(status);
-    ISOSCOPE_RETURN_IF_ERROR(written);
-    writing.run([this, &written, &batch] { written = shards_->Write(&batch); });
+    batch_writer_->Write(batch);
   }
-  writing.wait();
-  ISOSCOPE_RETURN_IF_ERROR(written);
   const volume::ScalarSpan total = ranges.Total();
   value_range_.min = std::min(value_range_.min, total.min);
   value_range_.max = std::max(value_range_.max, total.max);

@@ -148,20 +148,35 @@ absl::StatusOr<std::unique_ptr<ShardWriter>> ShardWriter::Create(const std::stri
 
 absl::StatusOr<std::uint32_t> ShardWriter::WriteBlock(volume::BlockId id, std::int64_t offset,
                                                       absl::string_view samples) {
-  if (id >= layout_.block_count() || offset < 0) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("shard %s: block %d at offset %d, expected an id below %d and no negative "
-                        "offset",
-                        directory_, id, offset, layout_.block_count()));
-  }
-  const std::size_t expected = volume::StoredSizeBytes(layout_, id, type_);
-  if (samples.size() != expected) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "shard %s: block %d has %d bytes, expected %d", directory_, id, samples.size(), expected));
+  std::uint32_t crc32c = 0;
+  ISOSCOPE_RETURN_IF_ERROR(WriteBlocks({&id, 1}, offset, samples, {&crc32c, 1}));
+  return crc32c;
+}
+
+absl::Status ShardWriter::WriteBlocks(absl::Span<const volume::BlockId> ids, std::int64_t offset,
+                                      absl::string_view samples, absl::Span<std::uint32_t> crcs) {
+  ISOSCOPE_CHECK_EQ(ids.size(), crcs.size());
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (ids[i] >= layout_.block_count() || offset < 0) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "shard %s: block %d at offset %d, expected an id below %d and no negative offset",
+          directory_, ids[i], offset, layout_.block_count()));
+    }
+    const std::size_t size = volume::StoredSizeBytes(layout_, ids[i], type_);
+    const absl::string_view block = samples.substr(std::min(begin, samples.size()), size);
+    begin += size;
+    const bool is_last = i + 1 == ids.size();
+    if (block.size() != size || (is_last && begin != samples.size())) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("shard %s: %d bytes up to block %d, the last of %d, expected %d",
+                          directory_, samples.size(), ids[i], ids.size(), begin));
+    }
+    crcs[i] = base::Crc32c(block);
   }
   ISOSCOPE_RETURN_IF_ERROR(blocks_file_->WriteAt(offset, samples));
-  ++written_block_count_;
-  return base::Crc32c(samples);
+  written_block_count_ += static_cast<std::int64_t>(ids.size());
+  return absl::OkStatus();
 }
 
 absl::Status ShardWriter::AppendIndexEntry(volume::BlockId id, std::uint32_t crc32c) {

@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 
 #include "core/io/file.h"
 #include "core/store/manifest.h"
@@ -52,6 +53,10 @@ class ShardWriter {
   // INVALID_ARGUMENT if the id or the size is wrong; otherwise the file's errors.
   absl::StatusOr<std::uint32_t> WriteBlock(volume::BlockId id, std::int64_t offset,
                                            absl::string_view samples);
+  // The same for blocks of successive ordinals, in one write. `offset` is that of the first one,
+  // and `samples` has all of them, one after the other.
+  absl::Status WriteBlocks(absl::Span<const volume::BlockId> ids, std::int64_t offset,
+                           absl::string_view samples, absl::Span<std::uint32_t> crcs);
 
   // Appends the entry of the next ordinal to the block index. No block can be written after the
   // first call. INVALID_ARGUMENT unless ids come in BlockOrderKey order, each once.

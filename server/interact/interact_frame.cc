@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
 #include "wire/color_range_convert.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -65,7 +67,35 @@ absl::StatusOr<wire::AskedFrame> ConvertFrame(const v1::RenderIsosurfaceRequest&
   return asked;
 }
 
+// The bytes of all but the camera.
+std::string WithoutCamera(v1::RenderIsosurfaceRequest frame) {
+  frame.clear_camera();
+  frame.clear_camera_fit();
+  return frame.SerializeAsString();
+}
+
 }  // namespace
+
+MovingQuality RestQualityOf(MovingQuality moving) {
+  moving.scale = 1;
+  if (moving.jpeg_quality >= MovingQuality().jpeg_quality) {
+    moving.jpeg_quality = kRestJpegQuality;
+  }
+  return moving;
+}
+
+// Cameras are compared as numbers: a client may have written -0 as 0.
+bool HasToldCamera(const v1::RenderIsosurfaceRequest& frame, const v1::Camera& told,
+                   const v1::RenderIsosurfaceRequest& next) {
+  const bool is_taken_as_it_is =
+      next.camera_fit() == v1::CAMERA_FIT_UNSPECIFIED || next.camera_fit() == v1::CAMERA_FIT_VOLUME;
+  if (!next.has_camera() || !is_taken_as_it_is || WithoutCamera(frame) != WithoutCamera(next)) {
+    return false;
+  }
+  const absl::StatusOr<view::Camera> of_next = wire::CameraFromProto(next.camera(), "camera");
+  const absl::StatusOr<view::Camera> of_frame = wire::CameraFromProto(told, "camera");
+  return of_next.ok() && of_frame.ok() && *of_next == *of_frame;
+}
 
 absl::StatusOr<wire::AskedFrame> ExactFrameOf(const v1::ViewState& state) {
   ISOSCOPE_RETURN_IF_ERROR(CheckOutput(state));

@@ -8,10 +8,24 @@
 
 #include "core/frame/frame_spec.h"
 #include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 #include "server/interact/rate_control.h"
 #include "wire/frame_convert.h"
 
 namespace isoscope::server {
+
+// Of the coarse frame of a view at rest, where the network carries moving frames of full quality:
+// it stays beside exact tiles, and at the usual quality its background differs from theirs.
+inline constexpr int kRestJpegQuality = 95;
+
+// Returns the quality of the coarse frame of a view at rest: of full size.
+MovingQuality RestQualityOf(MovingQuality moving);
+
+// Returns true if `next` asks for the picture of `frame`, with the camera that an answer to that told
+// in place of what the server had to choose. No client needs to have it drawn again.
+bool HasToldCamera(const isoscope::v1::RenderIsosurfaceRequest& frame,
+                   const isoscope::v1::Camera& told,
+                   const isoscope::v1::RenderIsosurfaceRequest& next);
 
 // Returns the exact frame of a state. Errors as wire::AskedFrameFromProto; INVALID_ARGUMENT also
 // because of the output that the state asks for.

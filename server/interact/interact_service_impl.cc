@@ -66,9 +66,6 @@ constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 // The depth grid of an exact frame, which is warped when the view begins to move.
 constexpr int kExactGridSide = 256;
-// Of the coarse frame of a view at rest, where the network carries moving frames of full quality:
-// it stays beside exact tiles, and at the usual quality its background differs from theirs.
-constexpr int kRestJpegQuality = 95;
 
 absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
   if (state.sequence_number() <= newest) {
@@ -114,6 +111,7 @@ struct Rest {
   RestProgress progress{RestWish()};
   std::shared_ptr<PictureJob> job = nullptr;        // from the plan on
   absl::Duration drawn_for = absl::ZeroDuration();  // all tiles so far
+  std::optional<v1::Camera> camera = std::nullopt;  // that the coarse frame told
 };
 
 // A step of it.
@@ -247,7 +245,8 @@ class InteractServiceImpl::InteractCall final
     ISOSCOPE_ASSIGN_OR_RETURN(const RestWish wish, RestWishFromProto(state.refinement()));
     const bool refines = state.has_refinement();
     std::string picture = refines ? state.frame().SerializeAsString() : std::string();
-    const bool is_same = refines && state_.has_refinement() && picture == picture_;
+    const bool is_same = refines && state_.has_refinement() &&
+                         (picture == picture_ || IsDeferredPicture(state.frame(), wish));
     if (state.frame().dataset() != state_.frame().dataset()) {
       rate_.ForgetLevels();
       cost_ = ExactCost();
@@ -268,6 +267,15 @@ class InteractServiceImpl::InteractCall final
     outbox_.DropParts();
     schedule_.OnState(state.sequence_number(), state.is_at_rest(), now, refines);
     return absl::OkStatus();
+  }
+
+  // A client that let the server choose the camera asks for more of a picture that was put off: with
+  // the camera that it was told. With the same limits it may have lost the picture, which begins anew.
+  [[nodiscard]] bool IsDeferredPicture(const v1::RenderIsosurfaceRequest& frame,
+                                       const RestWish& wish) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return rest_.camera.has_value() && rest_.progress.IsDeferredOtherwise(wish) &&
+           HasToldCamera(state_.frame(), *rest_.camera, frame);
   }
 
   absl::Status HandleShown(const v1::FrameShown& shown, base::MonotonicTime now)
@@ -489,7 +497,7 @@ class InteractServiceImpl::InteractCall final
     if (!job.ok()) {
       Audit(*ticket, job.status());
       if (kind == Kind::kCoarse) {  // the exact frame reports it
-        rest_.progress.OnCoarse(nullptr);
+        rest_.progress.OnCoarse(nullptr, /*tells_hidden=*/true);
         schedule_.OnWorkEnded(work.start.work, /*has_answer=*/false, base::MonotonicNow());
         schedule_.ContinueExact();
         return;
@@ -514,14 +522,10 @@ class InteractServiceImpl::InteractCall final
           /*may_band=*/true));
       return rest_.job;
     }
-    MovingQuality quality = rate_.quality();
-    quality.scale = 1;
-    if (quality.jpeg_quality >= MovingQuality().jpeg_quality) {
-      quality.jpeg_quality = kRestJpegQuality;
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked, step.kind == Kind::kCoarse
-                                                    ? MovingFrameAtOnce(state_, quality)
-                                                    : ExactFrameOf(state_));
+    ISOSCOPE_ASSIGN_OR_RETURN(AskedFrame asked,
+                              step.kind == Kind::kCoarse
+                                  ? MovingFrameAtOnce(state_, RestQualityOf(rate_.quality()))
+                                  : ExactFrameOf(state_));
     if (step.stays) {  // what its level hides counts, then
       asked.with_unresolved_count = state_.frame().with_unresolved_count();
     }
@@ -624,8 +628,12 @@ class InteractServiceImpl::InteractCall final
     const Kind kind = work.step.kind;
     const FrameFacts& facts = job->facts();
     if (kind == Kind::kCoarse) {
-      rest_.progress.OnCoarse(status.ok() ? &message->frame().drawn_level() : nullptr);
+      const v1::RenderIsosurfaceResponse& frame = message->frame();
+      rest_.progress.OnCoarse(status.ok() ? &frame.drawn_level() : nullptr,
+                              work.step.stays || !state_.frame().with_unresolved_count() ||
+                                  frame.statistics().has_unresolved_block_count());
       if (status.ok()) {
+        rest_.camera = frame.camera();
         message->mutable_frame()->mutable_statistics()->clear_agents();
         cost_.OnFrame(facts.active_bytes, took, /*is_exact=*/false);
       }

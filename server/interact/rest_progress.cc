@@ -32,6 +32,10 @@ absl::Status CheckFraction(double value, const char* name) {
       absl::StrCat("view_state.refinement.focus.", name, " is ", value, ": must lie in [0, 1]"));
 }
 
+bool HaveSameLimits(const RestWish& a, const RestWish& b) {
+  return a.max_bytes == b.max_bytes && a.max_duration == b.max_duration;
+}
+
 // The distance of a value from a range.
 double DistanceTo(double value, double begin, double end) {
   return std::max({begin - value, value - end, 0.0});
@@ -71,11 +75,13 @@ absl::StatusOr<RestWish> RestWishFromProto(const v1::Refinement& refinement) {
 }
 
 void RestProgress::SetWish(const RestWish& wish) {
-  const bool has_other_limits =
-      wish.max_bytes != wish_.max_bytes || wish.max_duration != wish_.max_duration;
+  is_deferred_ = is_deferred_ && HaveSameLimits(wish, wish_);
   wish_ = wish;
-  is_deferred_ = is_deferred_ && !has_other_limits;
   is_over_ = is_over_ && facts_.has_value();  // not after an error
+}
+
+bool RestProgress::IsDeferredOtherwise(const RestWish& wish) const {
+  return is_deferred_ && !HaveSameLimits(wish, wish_);
 }
 
 bool RestProgress::IsOverLimit(absl::Duration expected) const {
@@ -88,8 +94,9 @@ bool RestProgress::OnFacts(const FrameFacts& facts, const ExactCost& cost) {
   return Next(cost).kind == RestStep::Kind::kWhole;
 }
 
-void RestProgress::OnCoarse(const v1::DrawnLevel* drawn) {
+void RestProgress::OnCoarse(const v1::DrawnLevel* drawn, bool tells_hidden) {
   had_coarse_ = true;
+  tells_hidden_ = tells_hidden || drawn == nullptr;
   if (drawn != nullptr) {
     coarse_ = *drawn;
   }
@@ -148,6 +155,11 @@ int RestProgress::CoarseLevel(const ExactCost& cost) const {
   return facts_->coarsest_level;
 }
 
+bool RestProgress::NeedsCoarse(bool is_over_limit) const {
+  const bool is_missing = !had_coarse_ || (is_over_limit && !tells_hidden_ && !is_deferred_);
+  return is_missing && wish_.coarse_levels && facts_->coarsest_level > facts_->level;
+}
+
 RestStep RestProgress::Next(const ExactCost& cost) const {
   using Kind = RestStep::Kind;
   if (is_over_) {
@@ -163,9 +175,10 @@ RestStep RestProgress::Next(const ExactCost& cost) const {
   const absl::Duration expected = cost.Expected(facts_->active_bytes);
   const bool is_slow = expected > kQuick;
   const bool is_over_limit = IsOverLimit(expected);
-  if ((is_slow || is_over_limit) && wish_.coarse_levels && !had_coarse_ &&
-      facts_->coarsest_level > facts_->level) {
-    return {.kind = Kind::kCoarse, .least_level = CoarseLevel(cost), .stays = is_over_limit};
+  if ((is_slow || is_over_limit) && NeedsCoarse(is_over_limit)) {
+    return {.kind = Kind::kCoarse,
+            .least_level = coarse_.has_value() ? coarse_->level() : CoarseLevel(cost),
+            .stays = is_over_limit};
   }
   if (is_over_limit) {
     return {.kind = is_deferred_ ? Kind::kNone : Kind::kDefer};

@@ -3,6 +3,7 @@
 //   what is known                      next
 //   nothing                            plan: the exact frame at once if it is quick and within limits
 //   slow, or over a limit              coarse, if a coarser level may be drawn; once
+//   over a limit since then            coarse again, if it does not tell what its level hides
 //   over a limit                       defer; once for each pair of limits. Then nothing
 //   slow                               tiles, the nearest to the focus first, then finish
 //   slow without tiles, or quick       whole
@@ -58,10 +59,13 @@ class RestProgress {
 
   // The same picture is wanted in another way, or again after an error.
   void SetWish(const RestWish& wish);
+  // Returns true if the exact frame was put off, and the limits of this wish are others.
+  [[nodiscard]] bool IsDeferredOtherwise(const RestWish& wish) const;
   // The facts of the exact frame are known. Returns true if it is to be drawn as a whole, now.
   bool OnFacts(const FrameFacts& facts, const ExactCost& cost);
-  // A frame of a coarser level was sent; null: it can't be drawn.
-  void OnCoarse(const isoscope::v1::DrawnLevel* drawn);
+  // A frame of a coarser level was sent; null: it can't be drawn. `tells_hidden`: nothing is missing
+  // of what it should tell if it stays.
+  void OnCoarse(const isoscope::v1::DrawnLevel* drawn, bool tells_hidden);
   void OnDeferred() { is_deferred_ = true; }
   // Sets the tiles; null: the picture has none.
   void OnTiles(const BandGrid* grid);
@@ -80,6 +84,8 @@ class RestProgress {
 
  private:
   [[nodiscard]] bool IsOverLimit(absl::Duration expected) const;
+  // Whether a frame of a coarser level comes next, of a frame that is over a limit or not.
+  [[nodiscard]] bool NeedsCoarse(bool is_over_limit) const;
   [[nodiscard]] int CoarseLevel(const ExactCost& cost) const;
   // The tile that comes next; none if all are drawn.
   [[nodiscard]] std::optional<int> NearestTile() const;
@@ -88,6 +94,7 @@ class RestProgress {
   std::optional<FrameFacts> facts_;
   bool had_coarse_ = false;
   std::optional<isoscope::v1::DrawnLevel> coarse_;
+  bool tells_hidden_ = false;
   bool is_deferred_ = false;  // told, with the present limits
   bool has_no_tiles_ = false;
   std::optional<BandGrid> grid_;

@@ -51,6 +51,7 @@ OWN_VARIABLES = {
     "swarm/stack.yaml": {"ISOSCOPE_DATASET", "ISOSCOPE_CERTIFICATES", "ISOSCOPE_REGISTRY", "ISOSCOPE_VERSION",
                          "ISOSCOPE_REPLICAS", "ISOSCOPE_COORDINATORS", "ISOSCOPE_GATEWAYS", "ISOSCOPE_KEYS",
                          "ISOSCOPE_AGENT_MEMORY", "ISOSCOPE_COORDINATOR_MEMORY"},
+    "slurm/partition.sbatch": {"ISOSCOPE_BIN", "ISOSCOPE_PARTS"},
     "slurm/isoscope.sbatch": {"ISOSCOPE_BIN", "ISOSCOPE_INPUT", "ISOSCOPE_PARTITION_OPTIONS", "ISOSCOPE_SHARDS",
                               "ISOSCOPE_LOCAL", "ISOSCOPE_RUN", "ISOSCOPE_PORT", "ISOSCOPE_AGENT_PORT",
                               "ISOSCOPE_START_SECONDS", "ISOSCOPE_CERTIFICATES", "ISOSCOPE_DATASET"},
@@ -282,7 +283,7 @@ class TestKubernetes(unittest.TestCase):
         need("kubectl")
         cls.overlays = {
             name: list(yaml.safe_load_all(output("kubectl", "kustomize", DEPLOY / "kubernetes" / name)))
-            for name in OVERLAYS + ["partition"]}
+            for name in OVERLAYS + ["partition", "parts", "parts/finish"]}
 
     @staticmethod
     def containers(item):
@@ -395,7 +396,7 @@ class TestKubernetes(unittest.TestCase):
         claims_made_by_people = {"isoscope-source"}
         spec = item["spec"]["template"]["spec"]
         claims = {o["metadata"]["name"] for o in objects if o["kind"] == "PersistentVolumeClaim"}
-        claims |= {"isoscope-data"} if item["metadata"]["name"] == "isoscope-partition" else set()
+        claims |= {"isoscope-data"} if item["kind"] == "Job" else set()
         names = {v["name"] for v in spec.get("volumes", [])}
         names |= {c["metadata"]["name"] for c in item["spec"].get("volumeClaimTemplates", [])}
         for volume in spec.get("volumes", []):

@@ -78,9 +78,11 @@ class LevelsTest(unittest.TestCase):
     before = files_below(added)
     said = isoscope('partition', '--add-levels', added, '--levels', '2').stdout
     self.assertIn('has levels 1 to 2', said)
+    self.assertIn('agents that serve it show them after a restart', said)
     self.assertEqual(files_below(added), files_below(expected))
     self.assertEqual(self.picture(added), self.picture(expected))
-    self.assertIn('has no levels', isoscope('partition', '--drop-levels', added).stdout)
+    said = isoscope('partition', '--drop-levels', added).stdout
+    self.assertIn('has no levels; agents that serve it show those that it had until a restart', said)
     self.assertEqual(files_below(added), before)
 
   def test_any_memory_limit_and_threads_give_the_same(self):
@@ -218,7 +220,8 @@ class LevelsTest(unittest.TestCase):
     os.makedirs(self.path('one'))
     series = self.path('one', 'd')
     isoscope('partition', self.path('s0.nrrd'), '--field', 'v', '--time', '0', '--output', series, *CUT)
-    isoscope('partition', '--add-levels', series, '--levels', '1')
+    said = isoscope('partition', '--add-levels', series, '--levels', '1').stdout
+    self.assertIn('agents that serve it find them by themselves', said)
     isoscope('partition', self.path('s1.nrrd'), '--field', 'v', '--time', '1', '--append', series, '--quiet')
     self.assertEqual([level['volume_count'] for level in levels_of(series)], [2])
     isoscope('verify', series)

@@ -3,6 +3,7 @@
 // - tiles have the bytes of RenderIsosurface for their regions, and the last frame those of the whole;
 // - a coarser level comes first, what is nearest to the focus next;
 // - limits defer the exact frame; another picture ends it; the same one goes on;
+// - the coarse frame has a quality of its own; other clients have their turn between tiles;
 // - an agent that is killed in between gives an error or the right pixels;
 // - clients that do not ask for it get what they got before.
 //
@@ -10,16 +11,20 @@
 // many samples: the coordinator then expects the next exact frame to take as long.
 
 #include <algorithm>
+#include <csignal>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -27,6 +32,8 @@
 #include <grpcpp/client_context.h>
 
 #include "core/base/monotonic_time.h"
+#include "core/image/jpeg_codec.h"
+#include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
@@ -35,6 +42,7 @@
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "wire/proto_convert.h"
 
 namespace isoscope {
 namespace {
@@ -52,6 +60,29 @@ constexpr int kHighest = 2;
 
 // Slow enough that a part of it is slow, too.
 constexpr absl::Duration kSlow = absl::Milliseconds(800);
+
+// Those of JPEGs (docs/interactive.md): of coarse frames at rest, of moving views.
+constexpr int kRestQuality = 95;
+constexpr int kMovingQuality = 85;
+
+// The quantisation tables of a JPEG, which its quality decides.
+std::string QuantisationOf(const std::string& jpeg) {
+  std::string tables;
+  // Segments up to the scan: a marker, then the length of the rest in two bytes.
+  for (std::size_t i = 2; i + 4 <= jpeg.size() && jpeg[i + 1] != '\xDA';) {
+    const std::size_t length = std::size_t{static_cast<unsigned char>(jpeg[i + 2])} * 256 +
+                               static_cast<unsigned char>(jpeg[i + 3]);
+    tables += jpeg[i + 1] == '\xDB' ? jpeg.substr(i + 4, length - 2) : "";
+    i += 2 + length;
+  }
+  return tables;
+}
+std::string QuantisationOf(int quality) {
+  const std::vector<image::Rgba8> pixels(64);
+  const absl::StatusOr<std::string> jpeg = image::EncodeJpeg(8, 8, pixels, {}, quality);
+  ISOSCOPE_EXPECT_OK(jpeg.status());
+  return QuantisationOf(*jpeg);
+}
 
 v1::Refinement All() {
   v1::Refinement refinement;
@@ -79,28 +110,36 @@ class Viewer {
 
   // Without `refinement` as an old client. Returns the number of the state.
   std::int64_t Send(const v1::RenderIsosurfaceRequest& frame,
-                    const std::optional<v1::Refinement>& refinement) {
+                    const std::optional<v1::Refinement>& refinement, bool is_at_rest = true) {
     v1::InteractRequest request;
     v1::ViewState& state = *request.mutable_view_state();
     state.set_sequence_number(++sequence_);
     *state.mutable_frame() = frame;
-    state.set_is_at_rest(true);
+    state.set_is_at_rest(is_at_rest);
     if (refinement.has_value()) {
       *state.mutable_refinement() = *refinement;
     }
     EXPECT_TRUE(stream_->Write(request));
     return sequence_;
   }
-  // Reads and acknowledges one answer.
-  std::optional<v1::InteractResponse> Read() {
+  std::optional<v1::InteractResponse> ReadOnly() {
     v1::InteractResponse response;
-    if (!stream_->Read(&response)) {
-      return std::nullopt;
-    }
+    return stream_->Read(&response) ? std::optional(std::move(response)) : std::nullopt;
+  }
+  void Acknowledge(const v1::InteractResponse& response,
+                   absl::Duration decode = absl::ZeroDuration()) {
     if (!response.has_error() && !response.has_exact_deferred()) {
       v1::InteractRequest request;
       request.mutable_frame_shown()->set_frame_number(response.frame_number());
+      *request.mutable_frame_shown()->mutable_decode_duration() = wire::ToProto(decode);
       stream_->Write(request);
+    }
+  }
+  // Reads and acknowledges one answer.
+  std::optional<v1::InteractResponse> Read() {
+    std::optional<v1::InteractResponse> response = ReadOnly();
+    if (response.has_value()) {
+      Acknowledge(*response);
     }
     return response;
   }
@@ -333,6 +372,161 @@ TEST_F(RefineTest, AFrameOverALimitIsDeferredUntilTheLimitIsRaised) {
   const Answers in_no_time = viewer.ReadAll(viewer.Send(FrameOf(1), of_time));
   ASSERT_TRUE(in_no_time.last.has_value());
   EXPECT_TRUE(in_no_time.last->has_exact_deferred());
+}
+
+// Symptom: a page lets the server choose its first camera. "Draw exact" then named that camera, which
+// made another picture: the coarse frame came again.
+TEST_F(RefineTest, TheFirstPictureGoesOnWithTheCameraThatItsCoarseFrameTold) {
+  Start();
+  Viewer viewer(cluster_->address());
+  ASSERT_NO_FATAL_FAILURE(MakeSlow(&viewer, FrameOf(0)));
+  v1::RenderIsosurfaceRequest request = FrameOf(0);
+  request.clear_camera();
+  request.set_camera_fit(v1::CAMERA_FIT_CELLS);
+  v1::Refinement limited = All();
+  limited.set_max_exact_bytes(1);
+  const Answers deferred = viewer.ReadAll(viewer.Send(request, limited));
+  ASSERT_TRUE(deferred.last.has_value());
+  ASSERT_TRUE(deferred.last->has_exact_deferred());
+  ASSERT_EQ(deferred.coarse.size(), 1U);
+
+  v1::RenderIsosurfaceRequest named = request;
+  named.clear_camera_fit();
+  *named.mutable_camera() = deferred.coarse[0].frame().camera();
+  const std::int64_t sequence = viewer.Send(named, All());
+  const Answers exact = viewer.ReadAll(sequence);
+  ASSERT_TRUE(exact.last.has_value());
+  ASSERT_TRUE(exact.last->is_exact()) << exact.last->error().message();
+  EXPECT_EQ(exact.last->sequence_number(), sequence);
+  EXPECT_TRUE(exact.coarse.empty()) << "it is there";
+  EXPECT_GT(exact.tiles.size(), 1U);
+  for (const v1::InteractResponse& tile : exact.tiles) {
+    ExpectRight(named, tile.tile());
+  }
+  EXPECT_TRUE(exact.last->frame().png() == Render(named));
+  EXPECT_TRUE(exact.last->frame().png() == Render(request));
+}
+
+// A client that has lost its picture asks for it with the same limits.
+TEST_F(RefineTest, WithTheSameLimitsTheToldCameraMakesAPictureOfItsOwn) {
+  Start();
+  Viewer viewer(cluster_->address());
+  v1::RenderIsosurfaceRequest request = FrameOf(0);
+  request.clear_camera();
+  request.set_camera_fit(v1::CAMERA_FIT_CELLS);
+  v1::Refinement limited = All();
+  limited.set_max_exact_bytes(1);
+  const Answers deferred = viewer.ReadAll(viewer.Send(request, limited));
+  ASSERT_EQ(deferred.coarse.size(), 1U);
+  request.clear_camera_fit();
+  *request.mutable_camera() = deferred.coarse[0].frame().camera();
+  EXPECT_EQ(viewer.ReadAll(viewer.Send(request, limited)).coarse.size(), 1U);
+}
+
+// The limit is lowered while the coarse frame is drawn. Should that be too late, nothing is deferred.
+TEST_F(RefineTest, UnderALoweredLimitTheViewIsToldWhatItsLevelHides) {
+  Start();
+  Viewer viewer(cluster_->address());
+  v1::RenderIsosurfaceRequest request = FrameOf(0);
+  request.set_isovalue(117);  // of which nothing is known
+  ASSERT_NO_FATAL_FAILURE(MakeSlow(&viewer, request));
+  request.set_with_unresolved_count(true);
+  const std::int64_t first = viewer.Send(request, All());
+  absl::SleepFor(absl::Milliseconds(6));
+  v1::Refinement limited = All();
+  limited.set_max_exact_bytes(1);
+  viewer.Send(request, limited);
+  const Answers answers = viewer.ReadAll(first);
+  ASSERT_TRUE(answers.last.has_value());
+  ASSERT_FALSE(answers.last->has_error()) << answers.last->error().message();
+  if (answers.last->has_exact_deferred()) {
+    ASSERT_FALSE(answers.coarse.empty());
+    const v1::RenderIsosurfaceResponse& shown = answers.coarse.back().frame();
+    EXPECT_TRUE(shown.statistics().has_unresolved_block_count());
+    EXPECT_EQ(shown.drawn_level().level(), answers.coarse[0].frame().drawn_level().level());
+  }
+}
+
+TEST_F(RefineTest, TheCoarseFrameAtRestHasAHigherQualityThanMovingViews) {
+  Start();
+  Viewer viewer(cluster_->address());
+  ASSERT_NO_FATAL_FAILURE(MakeSlow(&viewer, FrameOf(0)));
+  // The network is fast, if all of the time went into decoding.
+  viewer.Send(FrameOf(1), All(), /*is_at_rest=*/false);
+  const std::optional<v1::InteractResponse> moving = viewer.ReadOnly();
+  ASSERT_TRUE(moving.has_value());
+  ASSERT_FALSE(moving->frame().jpeg().empty()) << moving->ShortDebugString();
+  viewer.Acknowledge(*moving, absl::Hours(1));
+
+  const Answers answers = viewer.ReadAll(viewer.Send(FrameOf(2), All()));
+  ASSERT_EQ(answers.coarse.size(), 1U);
+  const std::string tables = QuantisationOf(answers.coarse[0].frame().jpeg());
+  ASSERT_FALSE(tables.empty());
+  EXPECT_NE(QuantisationOf(kRestQuality), QuantisationOf(kMovingQuality));
+  EXPECT_EQ(tables, QuantisationOf(kRestQuality));
+}
+
+// The coordinator works on one frame at a time. Frames have numbers in the order of their turns.
+TEST_F(RefineTest, AnotherClientHasItsTurnBetweenTwoTiles) {
+  Start({"--max-concurrent-frames", "1"});
+  Viewer viewer(cluster_->address());
+  ASSERT_NO_FATAL_FAILURE(MakeSlow(&viewer, FrameOf(0)));
+  v1::RenderIsosurfaceRequest of_other = FrameOf(3);
+  of_other.set_with_trace(true);
+  const auto number_of_turn = [&]() -> std::int64_t {
+    const auto response = testing::Render(cluster_->address(), of_other, kLimit);
+    ISOSCOPE_EXPECT_OK(response.status());
+    return response.ok() ? response->trace().frame_number() : 0;
+  };
+  const std::int64_t before = number_of_turn();
+
+  // At most four answers are on their way, so most tiles wait for this client.
+  v1::RenderIsosurfaceRequest large = FrameOf(1);
+  large.mutable_viewport()->set_width_px(1600);
+  large.mutable_viewport()->set_height_px(1600);
+  viewer.Send(large, All());
+  std::vector<v1::InteractResponse> unshown;
+  do {
+    std::optional<v1::InteractResponse> response = viewer.ReadOnly();
+    ASSERT_TRUE(response.has_value());
+    ASSERT_FALSE(response->is_exact() || response->has_error()) << response->error().message();
+    unshown.push_back(*std::move(response));
+  } while (!unshown.back().has_tile());
+  const int tile_count = unshown.back().tile().count();
+  ASSERT_GT(tile_count, 8);
+
+  // One of the next tiles does not end until the other client waits.
+  cluster_->agent(0).Stop();
+  for (const v1::InteractResponse& response : unshown) {
+    viewer.Acknowledge(response);
+  }
+  const auto cluster = v1::ClusterService::NewStub(rpc::MakeFreshChannel(cluster_->address()));
+  const auto wait_for = [&](int working, int queued) {
+    v1::GetClusterStatusResponse status;
+    do {
+      grpc::ClientContext context;
+      ASSERT_TRUE(cluster->GetClusterStatus(&context, {}, &status).ok());
+    } while (status.load().working_frame_count() != working ||
+             status.load().queued_frame_count() != queued);
+  };
+  ASSERT_NO_FATAL_FAILURE(wait_for(1, 0));
+  std::int64_t turn = 0;
+  std::thread other([&] { turn = number_of_turn(); });
+  absl::Cleanup joins = [&] { other.join(); };
+  wait_for(1, 1);
+  cluster_->agent(0).Signal(SIGCONT);
+  std::optional<v1::InteractResponse> response;
+  do {
+    response = viewer.Read();
+    ASSERT_TRUE(response.has_value());
+    ASSERT_FALSE(response->has_error()) << response->error().message();
+  } while (!response->is_exact());
+  std::move(joins).Invoke();
+
+  // Plan, coarse frame and tiles of the view with the other's frame among them, and the exact frame.
+  const std::int64_t after = number_of_turn();
+  EXPECT_EQ(after, before + 2 + tile_count + 1 + 1 + 1) << "nothing else was drawn";
+  EXPECT_LT(turn, after - 2) << "before the last tile";
 }
 
 TEST_F(RefineTest, AnotherPictureEndsTheTilesAndTheSameOneGoesOn) {

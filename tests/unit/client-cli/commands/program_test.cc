@@ -159,6 +159,20 @@ std::vector<WrongUsage> PartitionRows() {
       {{"partition", "--drop-levels", "d", "--levels", "2"},
        {"--levels can't be used with --drop-levels DIR"}},
       {{"partition", "--drop-levels", "d", "--compression", "lz4"}, {"--compression can't"}},
+      {{"partition", "v.nrrd", "--output", "d", "--part", "2/2"},
+       {"--part", "'2/2' is no part I/N", "I is from 0 to 1 of 2"}},
+      {{"partition", "v.nrrd", "--output", "d", "--part", "3"}, {"'3' is no part I/N", "0/16"}},
+      {{"partition", "v.nrrd", "--part", "0/2"}, {"--output DIR is missing"}},
+      {{"partition", "v.nrrd", "--append", "d", "--part", "0/2"},
+       {"--part can't be used with --append DIR"}},
+      {{"partition", "v.nrrd", "--output", "d", "--part", "0/2", "--resume"},
+       {"--resume can't be used with --part"}},
+      {{"partition", "v.nrrd", "--output", "d", "--part", "0/2", "--distribution", "greedy"},
+       {"--distribution random"}},
+      {{"partition", "v.nrrd", "--finish", "d"}, {"INPUT can't be used with --finish DIR"}},
+      {{"partition", "--finish", "d", "--shards", "2"}, {"--shards can't be used with --finish"}},
+      {{"partition", "--finish", "d", "--levels", "2"}, {"--levels can't be used with --finish"}},
+      {{"partition", "--finish", "d", "--drop-levels", "d"}, {"--finish DIR can't"}},
       {{"partition", "v.nrrd", "--output", "d", "--time", "soon"}, {"--time", "'soon'"}},
       {{"partition", "v.nrrd", "--output", "d", "--time", "inf"}, {"--time", "'inf'"}},
       {{"partition", "v.nrrd", "--output", "d", "--step", "3:1"},
@@ -407,6 +421,17 @@ TEST(CommandTest, LongHelpShowsWhatIsCommonAndHelpAllTheRest) {
   EXPECT_LT(all.find("--isovalue "), all.find("--tls-ca "));
   EXPECT_LT(2 * help.size(), all.size());
   EXPECT_EQ(RunCli({"render", "--no-such-flag", "--help-all"}).out, all) << "as --help, it wins";
+}
+
+// Symptom: the statistics of a quick picture of a level took minutes.
+TEST(CommandTest, HelpSaysWhatMeasuresOfAPictureCost) {
+  const std::string help = absl::StrJoin(absl::StrSplit(RunCli({"render", "--help-all"}).out,
+                                                        absl::ByAnyChar(" \n"), absl::SkipEmpty()),
+                                         " ");
+  const std::string of_stats = help.substr(help.find("--stats FILE|- "), 400);
+  EXPECT_THAT(of_stats, HasSubstr("at level 0, whatever level is drawn"));
+  EXPECT_THAT(of_stats, HasSubstr("as long as an export"));
+  EXPECT_THAT(help, HasSubstr("without areas and volumes, which are of level 0 and take as long"));
 }
 
 TEST(CommandTest, WordsForShellsAreOfFlagsThatExist) {

@@ -79,13 +79,14 @@ TEST(FileTest, AppendsOfAllSizesComeBack) {
 }
 
 TEST(FileTest, RandomWritesEqualThoseOfAModel) {
-  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+  for (std::uint64_t seed = 0; seed < 30; ++seed) {
     const TempDir temp;
     std::string model;
-    // With its own buffer, and with smaller ones.
+    // With its own buffer, with smaller ones, and past the page cache.
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const auto file, seed % 2 == 0 ? CreateWritableFile(temp.Sub("f"))
-                                       : CreateBufferedFile(temp.Sub("f"), 64U << seed % 7));
+        const auto file, seed % 3 == 0   ? CreateWritableFile(temp.Sub("f"))
+                         : seed % 3 == 1 ? CreateBufferedFile(temp.Sub("f"), 64U << seed % 7)
+                                         : CreateDirectFile(temp.Sub("f"), 4096U << seed % 7));
     for (std::uint64_t step = 0; step < 60; ++step) {
       const std::uint64_t bits = base::RandomBits(seed, step);
       // Mostly small pieces, sometimes one larger than the buffer.

@@ -56,6 +56,8 @@ void ExpectBlocksMatch(const std::string& samples, volume::ScalarType type,
       }
     }
     ASSERT_EQ(SpanOfBlock(layout, type, slab, id), expected) << "block " << id;
+    const volume::BlockSamples stored_samples{.block_id = id, .type = type, .bytes = out.data()};
+    ASSERT_EQ(SpanOfBlock(layout, stored_samples), expected) << "block " << id;
   }
 }
 

@@ -10,6 +10,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/random.h"
+#include "tests/support/block_cutter.h"
 #include "tests/support/volume_files.h"
 
 namespace isoscope::partition {
@@ -51,7 +52,6 @@ volume::SampleHistogram BruteForce(ScalarType type, const std::string& samples) 
 volume::SampleHistogram CountAll(ScalarType type, const std::string& samples, int shard_count,
                                  std::uint64_t seed) {
   const volume::BlockLayout layout = volume::BlockLayout::Make(kDims, {4, 3, 5}).value();
-  const Slab slab{.samples = samples.data(), .begin_z = 0};
   HistogramBuilder builder(layout, type, shard_count);
   std::vector<volume::BlockId> order(static_cast<std::size_t>(layout.block_count()));
   for (std::size_t i = 0; i < order.size(); ++i) {
@@ -59,8 +59,10 @@ volume::SampleHistogram CountAll(ScalarType type, const std::string& samples, in
     std::swap(order[i], order[base::RandomBits(seed, i) % (i + 1)]);
   }
   for (const volume::BlockId id : order) {
-    builder.Cover(FiniteSpanOfBlock(layout, type, slab, id));
-    builder.Count(static_cast<int>(id % static_cast<unsigned>(shard_count)), {&id, 1}, slab);
+    const std::string bytes = testing::CutBlock(layout, type, samples, id);
+    const volume::BlockSamples block{.block_id = id, .type = type, .bytes = bytes.data()};
+    builder.Cover(FiniteSpanOfBlock(layout, block));
+    builder.Count(static_cast<int>(id % static_cast<unsigned>(shard_count)), {&block, 1});
   }
   volume::SampleHistogram sum = builder.Get(0);
   for (int shard = 1; shard < shard_count; ++shard) {

@@ -9,6 +9,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/units.h"
+#include "core/volume/block_samples.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::partition {
@@ -51,6 +52,26 @@ TEST(PartitionPlanTest, PortionsCoverEveryBlockOnceAndTheirSamplesFitTheBuffer) 
       }
       EXPECT_EQ(static_cast<std::int64_t>(seen.size()),
                 layout.block_dims().y * layout.block_dims().z);
+    }
+  }
+}
+
+TEST(PartitionPlanTest, StoredBytesAreTheSumOfAllBlocks) {
+  for (const math::Index3& dims : {math::Index3{40, 70, 90}, {2, 2, 2}, {9, 100, 3}, {33, 8, 65}}) {
+    const auto layout = Layout(dims);
+    const std::int64_t layers = layout.block_dims().z;
+    for (std::int64_t begin = 0; begin < layers; ++begin) {
+      for (std::int64_t end = begin + 1; end <= layers; ++end) {
+        std::int64_t sum = 0;
+        for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+          const auto id = static_cast<volume::BlockId>(i);
+          if (const std::int64_t z = layout.IndexOf(id).z; begin <= z && z < end) {
+            sum +=
+                static_cast<std::int64_t>(volume::StoredSizeBytes(layout, id, ScalarType::kUint16));
+          }
+        }
+        EXPECT_EQ(StoredBytes(layout, ScalarType::kUint16, begin, end), sum);
+      }
     }
   }
 }

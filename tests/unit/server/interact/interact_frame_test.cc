@@ -90,6 +90,67 @@ TEST(InteractFrameTest, ASmallerFrameFitsTheCameraOfTheWhole) {
   EXPECT_EQ(moving.fit_viewport, (view::Viewport{1001, 500}));
 }
 
+TEST(InteractFrameTest, TheCoarseFrameAtRestHasItsOwnQualityWhereTheNetworkIsFast) {
+  const MovingQuality fast = RestQualityOf({.scale = 0.25});
+  EXPECT_EQ(fast.jpeg_quality, kRestJpegQuality);
+  EXPECT_GT(kRestJpegQuality, MovingQuality().jpeg_quality) << "that of moving views";
+  EXPECT_EQ(fast.scale, 1);
+  const MovingQuality slow = RestQualityOf({.jpeg_quality = 60, .scale = 0.5});
+  EXPECT_EQ(slow.jpeg_quality, 60);
+  EXPECT_EQ(slow.scale, 1);
+}
+
+// A frame whose camera the server chooses, and what its client asks for once it has that camera.
+struct ToldCamera {
+  v1::RenderIsosurfaceRequest frame;
+  v1::Camera told;
+  v1::RenderIsosurfaceRequest next;
+
+  ToldCamera() : frame(State().frame()), next(frame) {
+    frame.set_camera_fit(v1::CAMERA_FIT_CELLS);
+    told.mutable_eye()->set_x(-0.0);
+    told.mutable_eye()->set_z(7);
+    told.mutable_target();
+    told.mutable_up()->set_y(1);
+    told.mutable_perspective()->set_fov_y_degrees(30);
+    *next.mutable_camera() = told;
+  }
+  [[nodiscard]] bool IsSame() const { return HasToldCamera(frame, told, next); }
+};
+
+// Symptom: "Draw exact" of the first picture sent its coarse frame again.
+TEST(InteractFrameTest, AFrameWithTheCameraThatWasToldIsTheSamePicture) {
+  ToldCamera frames;
+  EXPECT_TRUE(frames.IsSame());
+  frames.next.set_camera_fit(v1::CAMERA_FIT_VOLUME);
+  EXPECT_TRUE(frames.IsSame());
+  frames.next.mutable_camera()->mutable_eye()->set_x(0);
+  EXPECT_TRUE(frames.IsSame()) << "JavaScript writes -0 as 0";
+  frames.next.mutable_camera()->clear_up();
+  EXPECT_TRUE(frames.IsSame()) << "the default";
+}
+
+TEST(InteractFrameTest, AFrameThatDiffersFromTheToldOneIsAnotherPicture) {
+  ToldCamera of_other_camera;
+  of_other_camera.next.mutable_camera()->mutable_eye()->set_z(7.000000000000001);
+  EXPECT_FALSE(of_other_camera.IsSame());
+  ToldCamera without_camera;
+  without_camera.next.clear_camera();
+  EXPECT_FALSE(without_camera.IsSame());
+  ToldCamera of_wrong_camera;
+  of_wrong_camera.next.mutable_camera()->mutable_perspective()->set_fov_y_degrees(-30);
+  EXPECT_FALSE(of_wrong_camera.IsSame());
+  ToldCamera fitted_again;
+  fitted_again.next.set_camera_fit(v1::CAMERA_FIT_CELLS);
+  EXPECT_FALSE(fitted_again.IsSame());
+  ToldCamera of_other_surface;
+  of_other_surface.next.set_isovalue(61);
+  EXPECT_FALSE(of_other_surface.IsSame());
+  ToldCamera with_effect;
+  with_effect.next.mutable_ambient_occlusion();
+  EXPECT_FALSE(with_effect.IsSame()) << "a message without fields says something";
+}
+
 TEST(InteractFrameTest, SmallestSizesAreLegal) {
   v1::ViewState state = State();
   state.mutable_frame()->mutable_viewport()->set_width_px(1);

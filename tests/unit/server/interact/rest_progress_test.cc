@@ -59,7 +59,7 @@ TEST(RestProgressTest, ASlowFrameComesCoarseThenInTilesThenExact) {
   EXPECT_EQ(coarse.least_level, 3) << "10 GiB / 64 take 160 ms";
   EXPECT_FALSE(coarse.stays);
   const v1::DrawnLevel level;
-  progress.OnCoarse(&level);
+  progress.OnCoarse(&level, true);
   EXPECT_EQ(progress.Next({}).kind, Kind::kTile);
   const BandGrid grid({1024, 1024}, {512, 512});
   progress.OnTiles(&grid);
@@ -86,19 +86,19 @@ TEST(RestProgressTest, WithoutLevelsOrTheWishThereIsNoCoarseFrame) {
 TEST(RestProgressTest, WithoutTilesTheWholeFollowsTheCoarseFrame) {
   RestProgress without_wish({.coarse_levels = true});
   EXPECT_FALSE(without_wish.OnFacts(Facts(kGiB), {}));
-  without_wish.OnCoarse(nullptr);
+  without_wish.OnCoarse(nullptr, true);
   EXPECT_EQ(without_wish.Next({}).kind, Kind::kWhole);
 
   FrameFacts of_mask = Facts(kGiB);
   of_mask.may_tile = false;
   RestProgress mask(kAll);
   EXPECT_FALSE(mask.OnFacts(of_mask, {}));
-  mask.OnCoarse(nullptr);
+  mask.OnCoarse(nullptr, true);
   EXPECT_EQ(mask.Next({}).kind, Kind::kWhole);
 
   RestProgress without_memory(kAll);
   without_memory.OnFacts(Facts(kGiB), {});
-  without_memory.OnCoarse(nullptr);
+  without_memory.OnCoarse(nullptr, true);
   without_memory.OnTiles(nullptr);
   EXPECT_EQ(without_memory.Next({}).kind, Kind::kWhole);
 }
@@ -137,7 +137,7 @@ TEST(RestProgressTest, AFrameOverALimitIsDeferredOnceAfterTheCoarseFrame) {
     EXPECT_TRUE(progress.Next({}).stays);
     v1::DrawnLevel level;
     level.set_level(2);
-    progress.OnCoarse(&level);
+    progress.OnCoarse(&level, true);
     EXPECT_EQ(progress.Next({}).kind, Kind::kDefer);
     const v1::ExactDeferred deferral = progress.Deferral({});
     EXPECT_EQ(deferral.expected_bytes(), kGiB);
@@ -152,6 +152,61 @@ TEST(RestProgressTest, AFrameOverALimitIsDeferredOnceAfterTheCoarseFrame) {
     progress.SetWish(kAll);
     EXPECT_EQ(progress.Next({}).kind, Kind::kTile) << "the limits are gone";
   }
+}
+
+// Symptom: a limit that was lowered held the view at a level, and nothing told what that hides.
+TEST(RestProgressTest, ACoarseFrameThatHadNotToStayIsSentAgainIfItDoesNotTellWhatItHides) {
+  constexpr RestWish kLimited{.coarse_levels = true, .tiles = true, .max_bytes = 1};
+  v1::DrawnLevel level;
+  level.set_level(4);
+  RestProgress progress(kAll);
+  progress.OnFacts(Facts(10 * kGiB), {});
+  EXPECT_FALSE(progress.Next({}).stays);
+  progress.OnCoarse(&level, /*tells_hidden=*/false);
+  EXPECT_EQ(progress.Next({}).kind, Kind::kTile) << "the exact frame tells all";
+  progress.SetWish(kLimited);
+  const RestStep again = progress.Next({});
+  EXPECT_EQ(again.kind, Kind::kCoarse);
+  EXPECT_TRUE(again.stays);
+  EXPECT_EQ(again.least_level, 4) << "the one on the screen, though level 3 is quick";
+  progress.OnCoarse(&level, /*tells_hidden=*/true);
+  EXPECT_EQ(progress.Next({}).kind, Kind::kDefer);
+  progress.OnDeferred();
+  EXPECT_EQ(progress.Next({}).kind, Kind::kNone);
+
+  RestProgress told(kAll);
+  told.OnFacts(Facts(10 * kGiB), {});
+  told.OnCoarse(&level, /*tells_hidden=*/true);
+  told.SetWish(kLimited);
+  EXPECT_EQ(told.Next({}).kind, Kind::kDefer) << "what it hides was known";
+}
+
+TEST(RestProgressTest, ACoarseFrameThatCannotBeDrawnAgainIsNotTriedForEver) {
+  v1::DrawnLevel level;
+  level.set_level(4);
+  RestProgress progress(kAll);
+  progress.OnFacts(Facts(10 * kGiB), {});
+  progress.OnCoarse(&level, /*tells_hidden=*/false);
+  progress.SetWish({.coarse_levels = true, .max_bytes = 1});
+  ASSERT_EQ(progress.Next({}).kind, Kind::kCoarse);
+  progress.OnCoarse(nullptr, /*tells_hidden=*/false);
+  EXPECT_EQ(progress.Next({}).kind, Kind::kDefer);
+  EXPECT_EQ(progress.Deferral({}).drawn_level().level(), 4) << "of the one that is shown";
+}
+
+TEST(RestProgressTest, ADeferredFrameIsWantedOtherwiseOnlyWithOtherLimits) {
+  constexpr RestWish kLimited{.coarse_levels = true, .max_bytes = 1};
+  RestProgress progress(kLimited);
+  EXPECT_FALSE(progress.IsDeferredOtherwise(kAll)) << "nothing is known";
+  progress.OnFacts(Facts(kGiB), {});
+  progress.OnCoarse(nullptr, true);
+  EXPECT_FALSE(progress.IsDeferredOtherwise(kAll)) << "nothing was told";
+  progress.OnDeferred();
+  EXPECT_FALSE(progress.IsDeferredOtherwise(kLimited));
+  EXPECT_TRUE(progress.IsDeferredOtherwise(kAll));
+  EXPECT_TRUE(progress.IsDeferredOtherwise({.max_bytes = 1, .max_duration = absl::Seconds(1)}));
+  progress.SetWish(kAll);
+  EXPECT_FALSE(progress.IsDeferredOtherwise(kLimited)) << "it goes on";
 }
 
 TEST(RestProgressTest, AQuickFrameOverALimitIsDeferredToo) {
