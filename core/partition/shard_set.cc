@@ -217,7 +217,7 @@ absl::StatusOr<store::ShardSummary> ShardSet::Compress(
   options.batch_bytes =
       std::min(options.batch_bytes, static_cast<std::size_t>(plan_.tree_bytes) / 3);
   return store::CompressShard(
-      directories_[shard], type_, raw, options,
+      directories_[shard], layout_, type_, raw, options,
       [](std::size_t count, absl::FunctionRef<void(std::size_t)> task) {
         tbb::parallel_for(std::size_t{0}, count, task);
       },

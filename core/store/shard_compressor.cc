@@ -28,6 +28,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/store/block_codec.h"
+#include "core/volume/block_samples.h"
 
 namespace isoscope::store {
 namespace {
@@ -57,8 +58,13 @@ struct EncodedBlock {
 // Reads a raw shard from its first block to its last. Thread-compatible.
 class RawBlocks {
  public:
-  static absl::StatusOr<RawBlocks> Open(const std::string& directory, const ShardSummary& raw) {
+  // `layout` must outlive it.
+  static absl::StatusOr<RawBlocks> Open(const std::string& directory,
+                                        const volume::BlockLayout& layout, volume::ScalarType type,
+                                        const ShardSummary& raw) {
     RawBlocks blocks;
+    blocks.layout_ = &layout;
+    blocks.type_ = type;
     ISOSCOPE_ASSIGN_OR_RETURN(blocks.index_file_, io::OpenRandomAccessFile(absl::StrFormat(
                                                       "%s/%s", directory, kBlockIndexFileName)));
     ISOSCOPE_ASSIGN_OR_RETURN(blocks.blocks_file_, io::OpenRandomAccessFile(absl::StrFormat(
@@ -96,7 +102,8 @@ class RawBlocks {
       }
       if (entry.encoding != static_cast<std::uint32_t>(BlockEncoding::kRaw) ||
           entry.offset != offset_ + static_cast<std::int64_t>(size) ||
-          entry.size != entry.raw_size) {
+          entry.block_id >= layout_->block_count() || entry.size != entry.raw_size ||
+          entry.size != volume::StoredSizeBytes(*layout_, entry.block_id, type_)) {
         return absl::DataLossError(absl::StrFormat("%s: block %d is not the next raw block",
                                                    index_file_->path(), entry.block_id));
       }
@@ -111,6 +118,8 @@ class RawBlocks {
   }
 
  private:
+  const volume::BlockLayout* layout_ = nullptr;
+  volume::ScalarType type_ = volume::ScalarType::kUint8;
   std::unique_ptr<io::RandomAccessFile> index_file_;
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
   std::int64_t block_count_ = 0;
@@ -120,8 +129,9 @@ class RawBlocks {
 
 // Encodes the blocks of a batch: fills in their bytes, and encoding, size and checksum of their
 // entries. `bytes` holds the raw samples of all, one after the other.
-void EncodeBatch(BlockEncoding encoding, volume::ScalarType type, absl::string_view bytes,
-                 ParallelFor parallel_for, std::vector<EncodedBlock>* batch) {
+void EncodeBatch(BlockEncoding encoding, const volume::BlockLayout& layout, volume::ScalarType type,
+                 absl::string_view bytes, ParallelFor parallel_for,
+                 std::vector<EncodedBlock>* batch) {
   std::vector<std::size_t> starts;
   starts.reserve(batch->size());
   std::size_t start = 0;
@@ -132,8 +142,9 @@ void EncodeBatch(BlockEncoding encoding, volume::ScalarType type, absl::string_v
   parallel_for(batch->size(), [&](std::size_t i) {
     EncodedBlock& block = (*batch)[i];
     const absl::string_view samples = bytes.substr(starts[i], block.entry.size);
+    const math::Index3 dims = layout.StoredSamplesOf(block.entry.block_id).dims();
     block.entry.encoding =
-        static_cast<std::uint32_t>(EncodeBlock(encoding, type, samples, &block.bytes));
+        static_cast<std::uint32_t>(EncodeBlock(encoding, type, dims, samples, &block.bytes));
     block.entry.size = static_cast<std::uint32_t>(block.bytes.size());
     block.entry.crc32c = base::Crc32c(block.bytes);
   });
@@ -141,13 +152,14 @@ void EncodeBatch(BlockEncoding encoding, volume::ScalarType type, absl::string_v
 
 }  // namespace
 
-absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume::ScalarType type,
-                                           const ShardSummary& raw, const CompressOptions& options,
-                                           ParallelFor parallel_for,
+absl::StatusOr<ShardSummary> CompressShard(const std::string& directory,
+                                           const volume::BlockLayout& layout,
+                                           volume::ScalarType type, const ShardSummary& raw,
+                                           const CompressOptions& options, ParallelFor parallel_for,
                                            const base::Cancellation& cancellation) {
   const std::string blocks_path = absl::StrFormat("%s/%s", directory, kBlocksFileName);
   const std::string index_path = absl::StrFormat("%s/%s", directory, kBlockIndexFileName);
-  ISOSCOPE_ASSIGN_OR_RETURN(RawBlocks raw_blocks, RawBlocks::Open(directory, raw));
+  ISOSCOPE_ASSIGN_OR_RETURN(RawBlocks raw_blocks, RawBlocks::Open(directory, layout, type, raw));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto blocks_file,
                             options.create_file(blocks_path + kPartialSuffix));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto index_file,
@@ -165,7 +177,7 @@ absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume:
     if (batch.empty()) {
       break;
     }
-    EncodeBatch(options.encoding, type, bytes, parallel_for, &batch);
+    EncodeBatch(options.encoding, layout, type, bytes, parallel_for, &batch);
     for (EncodedBlock& block : batch) {
       block.entry.offset = summary.block_bytes;
       ISOSCOPE_RETURN_IF_ERROR(blocks_file->Append(block.bytes));

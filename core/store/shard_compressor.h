@@ -16,6 +16,7 @@
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
+#include "core/volume/block_layout.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::store {
@@ -39,14 +40,16 @@ using ParallelFor =
 // disk must have room for both versions.
 //
 // directory:    a shard that Finish has written and WriteDescriptions has not described
+// layout, type: of the volume
 // raw:          the summary that ShardWriter::Finish returned
 // parallel_for: runs the encoding of a batch
 //
 // DATA_LOSS if the directory does not hold that raw shard, CANCELLED, or the files' errors; after
 // an error the caller removes the directory.
-absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume::ScalarType type,
-                                           const ShardSummary& raw, const CompressOptions& options,
-                                           ParallelFor parallel_for,
+absl::StatusOr<ShardSummary> CompressShard(const std::string& directory,
+                                           const volume::BlockLayout& layout,
+                                           volume::ScalarType type, const ShardSummary& raw,
+                                           const CompressOptions& options, ParallelFor parallel_for,
                                            const base::Cancellation& cancellation);
 
 }  // namespace isoscope::store

@@ -133,7 +133,7 @@ class PartsTest(unittest.TestCase):
 
   def test_bytes_are_those_of_one_process_for_any_encoding_and_memory(self):
     volume = self.volume(sample_type='uint16')
-    for encoding in ('lz4', 'zstd'):
+    for encoding in ('lz4', 'zstd', 'packed'):
       self.assert_alike(volume, (2, 3), '--shards', '2', '--block-cells', '4', '--compression', encoding,
                         '--levels', '1')
     expected = self.one(volume, '--block-cells', '4', '--shards', '2', '--levels', '1')

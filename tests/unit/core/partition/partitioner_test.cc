@@ -197,7 +197,7 @@ TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
   for (const Volume* v : {&smooth, &noise}) {
     std::map<std::string, std::size_t> size_of_blocks;
     std::map<std::string, std::string> trees;
-    for (const char* compression : {"none", "lz4", "zstd"}) {
+    for (const char* compression : {"none", "lz4", "zstd", "packed"}) {
       SCOPED_TRACE(compression);
       PartitionOptions options = Options(absl::StrCat(compression, v == &smooth ? "-s" : "-n"));
       options.shard_count = 2;
@@ -215,9 +215,11 @@ TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
     if (v == &smooth) {
       EXPECT_LT(size_of_blocks["lz4"], size_of_blocks["none"] * 9 / 10);
       EXPECT_LT(size_of_blocks["zstd"], size_of_blocks["lz4"]);
+      EXPECT_LT(size_of_blocks["packed"], size_of_blocks["lz4"]);
     } else {
       EXPECT_LE(size_of_blocks["lz4"], size_of_blocks["none"]) << "what grows is stored as it is";
       EXPECT_LE(size_of_blocks["zstd"], size_of_blocks["none"]);
+      EXPECT_LE(size_of_blocks["packed"], size_of_blocks["none"]);
     }
   }
 }

@@ -18,6 +18,7 @@
 
 #include "core/base/coding.h"
 #include "core/store/block_codec.h"
+#include "core/volume/block_samples.h"
 #include "tests/support/fault_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -71,8 +72,8 @@ class ShardCompressorTest : public ::testing::Test {
   }
   absl::StatusOr<ShardSummary> Compress(const CompressOptions& options,
                                         ParallelFor parallel_for = OneByOne) {
-    return CompressShard(directory_, dataset_.manifest.scalar_type, raw_, options, parallel_for,
-                         base::Cancellation());
+    return CompressShard(directory_, dataset_.layout, dataset_.manifest.scalar_type, raw_, options,
+                         parallel_for, base::Cancellation());
   }
   // Makes the directory readable.
   void Describe(const ShardSummary& summary) {
@@ -97,7 +98,8 @@ class ShardCompressorTest : public ::testing::Test {
 TEST_F(ShardCompressorTest, BlocksOfEveryTypeComeBackAndTakeLess) {
   for (int type_number = 1; type_number <= 8; ++type_number) {
     const auto type = static_cast<volume::ScalarType>(type_number);
-    for (const BlockEncoding encoding : {BlockEncoding::kLz4, BlockEncoding::kZstd}) {
+    for (const BlockEncoding encoding :
+         {BlockEncoding::kLz4, BlockEncoding::kZstd, BlockEncoding::kPacked}) {
       ASSERT_NO_FATAL_FAILURE(WriteRaw(type));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ShardSummary summary, Compress({.encoding = encoding}));
       EXPECT_EQ(summary.block_count, raw_.block_count);
@@ -168,7 +170,9 @@ TEST_F(ShardCompressorTest, ShardThatIsNotRawOrNotWholeIsRefused) {
   EXPECT_THAT(Compress({}), StatusIs(absl::StatusCode::kDataLoss, HasSubstr(directory_)));
   raw_.block_bytes -= 1;
   const std::string index = Slurp(IndexPath());
-  for (const std::size_t field : {std::size_t{4}, std::size_t{8}, std::size_t{16}}) {
+  // Block id (its highest byte), encoding, offset, both sizes.
+  for (const std::size_t field :
+       {std::size_t{3}, std::size_t{4}, std::size_t{8}, std::size_t{16}, std::size_t{20}}) {
     std::string damaged = index;
     damaged[kBinaryHeaderBytes + 3 * kBlockIndexEntryBytes + field] ^= 1;
     std::ofstream(IndexPath(), std::ios::binary | std::ios::trunc) << damaged;
@@ -177,6 +181,25 @@ TEST_F(ShardCompressorTest, ShardThatIsNotRawOrNotWholeIsRefused) {
       ISOSCOPE_ASSERT_OK(io::RemoveRecursively(path + ".compressed"));
     }
   }
+}
+
+// Encodings depend on the shape of a block, so that the index has to name the block it holds.
+TEST_F(ShardCompressorTest, ABlockOfAnotherSizeThanItsIdSaysIsRefused) {
+  ASSERT_NO_FATAL_FAILURE(WriteRaw(volume::ScalarType::kUint8));
+  std::string index = Slurp(IndexPath());
+  const std::size_t at = kBinaryHeaderBytes + 3 * kBlockIndexEntryBytes;
+  BlockIndexEntry entry = DecodeBlockIndexEntry(index.data() + at);
+  const volume::BlockId old_id = entry.block_id;
+  while (volume::StoredSizeBytes(dataset_.layout, entry.block_id, volume::ScalarType::kUint8) ==
+         entry.size) {
+    entry.block_id =
+        (entry.block_id + 1) % static_cast<volume::BlockId>(dataset_.layout.block_count());
+    ASSERT_NE(entry.block_id, old_id);
+  }
+  index.replace(at, kBlockIndexEntryBytes, EncodeBlockIndexEntry(entry));
+  std::ofstream(IndexPath(), std::ios::binary | std::ios::trunc) << index;
+  EXPECT_THAT(Compress({.encoding = BlockEncoding::kPacked}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("next raw block")));
 }
 
 TEST_F(ShardCompressorTest, FullDiskIsReportedAtEveryByte) {
@@ -202,8 +225,8 @@ TEST_F(ShardCompressorTest, CancellationStopsIt) {
     OneByOne(count, task);
     cancellation.Cancel();
   };
-  EXPECT_THAT(CompressShard(directory_, volume::ScalarType::kUint8, raw_, {.batch_bytes = 5000},
-                            cancel, cancellation),
+  EXPECT_THAT(CompressShard(directory_, dataset_.layout, volume::ScalarType::kUint8, raw_,
+                            {.batch_bytes = 5000}, cancel, cancellation),
               StatusIs(absl::StatusCode::kCancelled, _));
 }
 
