@@ -207,8 +207,7 @@ Vector<T> LoadVector(const char* bytes) {
   return vector;
 }
 
-// Adds up differences: out[i] = before[i] + (sums[i] += differences[i]), for whole vectors from
-// `size` bytes on.
+// Adds up differences: out[i] = before[i] + (sums[i] += differences[i]). size: bytes, whole vectors
 template <typename T>
 void AddRow(std::size_t size, const char* differences, const char* before, char* sums, char* out) {
   for (std::size_t at = 0; at < size; at += kVectorBytes) {
