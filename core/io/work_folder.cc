@@ -109,6 +109,23 @@ absl::Time StartOfMachine() {
   return sysinfo(&info) == 0 ? absl::Now() - absl::Seconds(info.uptime) : absl::InfinitePast();
 }
 
+// Removes a work folder. A process that is killed meanwhile leaves the lock, so that others know
+// whose remains these are.
+absl::Status RemoveLockLast(const std::string& path) {
+  std::error_code error;
+  std::vector<fs::path> others;
+  for (fs::directory_iterator entry(path, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->path().filename() != kLockName) {
+      others.push_back(entry->path());
+    }
+  }
+  for (const fs::path& other : others) {
+    ISOSCOPE_RETURN_IF_ERROR(RemoveRecursively(other.string()));
+  }
+  return RemoveRecursively(path);
+}
+
 bool IsBeingMade(const fs::path& folder) {
   std::error_code error;
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
@@ -195,7 +212,7 @@ absl::StatusOr<WorkFolder> WorkFolder::Make(const std::string& parent, const std
 
 WorkFolder::~WorkFolder() {
   if (!path_.empty()) {
-    if (const absl::Status removed = RemoveRecursively(path_); !removed.ok()) {
+    if (const absl::Status removed = RemoveLockLast(path_); !removed.ok()) {
       base::LogWarning("work_folder_left", {{"path", path_}, {"status", removed}});
     }
   }
@@ -208,6 +225,18 @@ absl::Status WorkFolder::MoveTo(const std::string& to) {
   ISOSCOPE_RETURN_IF_ERROR(RenamePath(path_, to));
   path_.clear();
   return RemoveRecursively(absl::StrCat(to, "/", kLockName));
+}
+
+void RemoveLeftLock(const std::string& directory) {
+  const std::string path = absl::StrCat(directory, "/", kLockName);
+  const int lock = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+  if (lock < 0) {
+    return;
+  }
+  if (Lock(lock)) {
+    unlink(path.c_str());
+  }
+  close(lock);
 }
 
 void RemoveLeftovers(const std::string& parent, absl::string_view prefix,
@@ -228,7 +257,7 @@ void RemoveLeftovers(const std::string& parent, absl::string_view prefix,
         lock >= 0 ? HasEnded(folder, lock, machine)
                   : IsBeingMade(folder) && LastChangeIn(folder) < absl::Now() - kMakingTime;
     if (has_ended) {
-      RemoveRecursively(folder.string()).IgnoreError();  // the next maker tries again
+      RemoveLockLast(folder.string()).IgnoreError();  // the next maker tries again
     }
     if (lock >= 0) {
       close(lock);

@@ -59,6 +59,10 @@ struct MachineRecord {
 };
 MachineRecord ThisMachine();
 
+// Removes the lock in a folder that has got its name by MoveTo, if the process was killed before it
+// could. A lock that is held stays: its process removes it.
+void RemoveLeftLock(const std::string& directory);
+
 // Removes the work folders in `parent` whose names begin with `prefix`, and whose processes have
 // ended: those that began on this machine, since its last start with a lock that is free, before it
 // with nothing in them that has changed since. Those of other machines stay, and folders that are

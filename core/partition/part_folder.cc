@@ -118,11 +118,11 @@ absl::Status PartFolder::Remove() const {
   const std::string joined = parts_path() + kJoinedSuffix;
   ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(joined));
   if (Exists()) {
-    const absl::Status renamed = io::RenamePath(parts_path(), joined);
+    absl::Status renamed = io::RenamePath(parts_path(), joined);
     if (!renamed.ok() && Exists()) {
       return renamed;
     }  // else another process removes them, too
-    const absl::Status removed = io::RemoveRecursively(joined);
+    absl::Status removed = io::RemoveRecursively(joined);
     if (!removed.ok() && io::PathExists(joined)) {
       return removed;
     }

@@ -30,6 +30,7 @@
 #include "core/base/status_macros.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
+#include "core/io/work_folder.h"
 #include "core/partition/level_spool.h"
 #include "core/partition/level_writer.h"
 #include "core/partition/output_folder.h"
@@ -210,6 +211,17 @@ class VolumeJoiner {
         options_.memory_limit_bytes);
   }
 
+  // Whether blocks are written past the page cache, as those of one process are (CachedBytes).
+  [[nodiscard]] bool IsDirect() const {
+    std::int64_t bytes = 0;
+    for (const store::PieceRecord& record : pieces_.records) {
+      for (const store::ShardPiece& shard : record.shards) {
+        bytes += shard.summary.block_bytes;
+      }
+    }
+    return bytes > options_.max_cached_bytes.value_or(CachedBytes());
+  }
+
   absl::StatusOr<store::ShardSummary> JoinShard(int shard, volume::ScalarType type,
                                                 const volume::HistogramBins& bins,
                                                 const PartitionPlan& plan,
@@ -237,7 +249,7 @@ class VolumeJoiner {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const store::ShardSummary summary,
         store::JoinShard(
-            pieces, layout_, type, directory,
+            pieces, layout_, type, directory, IsDirect(),
             [&](const store::JoinedBlock& block) {
               constexpr std::uint32_t kBlocksBetweenReports = 4096;
               if (block.ordinal % kBlocksBetweenReports == 0) {
@@ -569,6 +581,7 @@ absl::StatusOr<JoinedDataset> JoinParts(const std::string& output, const JoinOpt
   const PartFolder folder(output);
   if (!folder.Exists()) {
     if (store::IsDatasetDirectory(folder.output())) {
+      io::RemoveLeftLock(folder.output());
       ISOSCOPE_RETURN_IF_ERROR(folder.Remove());
       return JoinedDataset{.directory = folder.output(), .volume = std::nullopt};
     }
@@ -591,6 +604,8 @@ absl::StatusOr<JoinedDataset> JoinParts(const std::string& output, const JoinOpt
       return made.status();
     }  // else another process was first, and may have removed the parts
   }
+  // A process that was killed may have named the dataset, and done no more.
+  io::RemoveLeftLock(folder.output());
   ISOSCOPE_RETURN_IF_ERROR(folder.Remove());
   return joined;
 }

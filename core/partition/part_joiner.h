@@ -21,7 +21,8 @@ namespace isoscope::partition {
 
 struct JoinOptions {
   std::int64_t memory_limit_bytes = base::kGiB;
-  std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
+  std::int64_t reserved_bytes = 0;                 // of the limit, for the rest of the process
+  std::optional<std::int64_t> max_cached_bytes{};  // as in PartitionOptions
   std::function<void(const PartitionProgress&)> progress{};  // may be null; called from this thread
 };
 

@@ -104,10 +104,10 @@ class Planner {
     const math::Index3& cells = layout.block_cells();
     const std::int64_t max_block_bytes =
         (cells.x + 3) * (cells.y + 3) * (cells.z + 3) * sample_size_;
-    // A small volume is one batch.
+    // A small volume is two batches.
     plan_.batch_bytes =
         std::max(max_block_bytes, std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes,
-                                            layout.block_count() * max_block_bytes}));
+                                            (layout.block_count() + 1) / 2 * max_block_bytes}));
     plan_.batch_count =
         std::clamp<std::int64_t>(kBatchesBytes / plan_.batch_bytes, 2, kMaxBatchCount);
   }

@@ -28,6 +28,7 @@ namespace {
 
 constexpr std::int64_t kRunBytes = 8 * base::kMiB;
 constexpr std::int64_t kRunBlocks = 16384;
+constexpr std::size_t kDirectBytes = std::size_t{1} << 20;  // of a write past the page cache
 
 absl::StatusOr<std::uint32_t> Crc32cOfPiece(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(path));
@@ -51,10 +52,11 @@ class Joiner {
          const base::Cancellation& cancellation)
       : layout_(layout), type_(type), visit_(visit), cancellation_(cancellation) {}
 
-  absl::Status Create(const std::string& directory) {
+  absl::Status Create(const std::string& directory, bool is_direct) {
     directory_ = directory;
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        blocks_file_, io::CreateWritableFile(absl::StrCat(directory, "/", kBlocksFileName)));
+    const std::string path = absl::StrCat(directory, "/", kBlocksFileName);
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, is_direct ? io::CreateDirectFile(path, kDirectBytes)
+                                                      : io::CreateWritableFile(path));
     ISOSCOPE_ASSIGN_OR_RETURN(
         index_file_, io::CreateWritableFile(absl::StrCat(directory, "/", kBlockIndexFileName)));
     return index_file_->Append(std::string(kBinaryHeaderBytes, '\0'));
@@ -211,11 +213,11 @@ class Joiner {
 
 absl::StatusOr<ShardSummary> JoinShard(const std::vector<PieceOfShard>& pieces,
                                        const volume::BlockLayout& layout, volume::ScalarType type,
-                                       const std::string& directory,
+                                       const std::string& directory, bool is_direct,
                                        absl::FunctionRef<absl::Status(const JoinedBlock&)> visit,
                                        const base::Cancellation& cancellation) {
   Joiner joiner(layout, type, visit, cancellation);
-  ISOSCOPE_RETURN_IF_ERROR(joiner.Create(directory));
+  ISOSCOPE_RETURN_IF_ERROR(joiner.Create(directory, is_direct));
   for (const PieceOfShard& piece : pieces) {
     ISOSCOPE_RETURN_IF_ERROR(joiner.Add(piece));
   }

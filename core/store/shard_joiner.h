@@ -28,7 +28,7 @@ struct PieceOfShard {
 };
 
 // Memory that joining takes.
-inline constexpr std::int64_t kJoinBytes = 10 * base::kMiB;
+inline constexpr std::int64_t kJoinBytes = 11 * base::kMiB;
 
 // A block on its way.
 struct JoinedBlock {
@@ -41,12 +41,13 @@ struct JoinedBlock {
 // all pieces, one piece after the other, and returns the summary. Calls visit(block) for each block
 // by ordinal. Verifies all checksums of the pieces.
 //
-// pieces: in the order of their slabs; at least one
+// pieces:    in the order of their slabs; at least one
+// is_direct: blocks.bin is written past the page cache (io::CreateDirectFile)
 //
 // DATA_LOSS names the piece and what is wrong; CANCELLED; the errors of the files and of `visit`.
 absl::StatusOr<ShardSummary> JoinShard(const std::vector<PieceOfShard>& pieces,
                                        const volume::BlockLayout& layout, volume::ScalarType type,
-                                       const std::string& directory,
+                                       const std::string& directory, bool is_direct,
                                        absl::FunctionRef<absl::Status(const JoinedBlock&)> visit,
                                        const base::Cancellation& cancellation);
 

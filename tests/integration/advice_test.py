@@ -35,6 +35,7 @@ ELSEWHERE = [
     (r'say which dataset, as in', 'test: hdf5_source_test.cc'),
     (r'no attribute says what they mean', 'test: hdf5_series_test.cc'),
     (r'raise --memory-limit', 'test: partition_plan_test.cc'),
+    (r'holds the work of a run without --part', 'test: part_folder_test.cc'),
     (r'partition (its|the) first step with --time', 'test: series_partitioner_test.cc'),
     (r'the iterations of a series have one grid', 'test: hdf5_mesh_series_test.cc'),
     (r'a dataset of a pattern; expected a mesh', 'test: hdf5_file_series_test.cc'),

@@ -90,6 +90,19 @@ TEST(WorkFolderTest, OneThatIsMovedStaysWithoutItsLock) {
   EXPECT_THAT(EntriesOf(dir.Sub("flow")), ElementsAre("blocks.bin"));
 }
 
+TEST(WorkFolderTest, TheLockOfAKilledProcessLeavesANamedFolderAndAHeldOneStays) {
+  const TempDir dir;
+  ASSERT_TRUE(fs::create_directory(dir.Sub("named")));
+  RemoveLeftLock(dir.Sub("named"));  // there is none
+  std::ofstream(dir.Sub("named/lock")) << "boot 1\n";
+  std::ofstream(dir.Sub("named/blocks.bin")) << "whole";
+  RemoveLeftLock(dir.Sub("named"));
+  EXPECT_THAT(EntriesOf(dir.Sub("named")), ElementsAre("blocks.bin"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const WorkFolder held, WorkFolder::Make(dir.path(), kPrefix));
+  RemoveLeftLock(held.path());
+  EXPECT_THAT(EntriesOf(held.path()), ElementsAre("lock"));
+}
+
 TEST(WorkFolderTest, WhatAKilledProcessLeftIsRemovedAndWhatALivingOneHasIsNot) {
   const TempDir dir;
   const std::string left = Abandon(dir);

@@ -105,6 +105,10 @@ TEST_F(PartFolderTest, TheWorkOfARunWithoutPartsIsLeftAlone) {
   EXPECT_THAT(folder.Make({"volume"}), StatusIs(absl::StatusCode::kFailedPrecondition,
                                                 HasSubstr("without --part (finished)")));
   EXPECT_FALSE(folder.Exists());
+  // What the message advises.
+  ISOSCOPE_ASSERT_OK(io::RemoveRecursively(folder.path()));
+  ISOSCOPE_EXPECT_OK(folder.Make({"volume"}));
+  EXPECT_TRUE(folder.Exists());
 }
 
 TEST_F(PartFolderTest, StatesAreThoseOfAllPartsThatHaveBegun) {
