@@ -94,12 +94,14 @@ void UnshuffleOf(std::size_t width, const char* in, std::size_t count, char* out
   }
 }
 
-// Compresses into `*out`, which then has the compressed size. False if that would not be smaller.
-bool Compress(BlockEncoding encoding, absl::string_view bytes, std::string* out) {
-  if (bytes.size() < 2 || bytes.size() > LZ4_MAX_INPUT_SIZE) {
+// Compresses into `*out`, which then has the compressed size. False, often early, if that would not
+// be below `limit`. REQUIRES: limit <= bytes.size().
+bool Compress(BlockEncoding encoding, absl::string_view bytes, std::size_t limit,
+              std::string* out) {
+  if (limit < 2 || bytes.size() > LZ4_MAX_INPUT_SIZE) {
     return false;
   }
-  out->resize(bytes.size() - 1);
+  out->resize(limit - 1);
   std::size_t size = 0;
   if (encoding == BlockEncoding::kLz4) {
     size = static_cast<std::size_t>(LZ4_compress_default(
@@ -125,15 +127,15 @@ bool Decompress(BlockEncoding encoding, absl::string_view stored, std::size_t si
   return ZSTD_decompressDCtx(ThreadDecompressor(), out, size, stored.data(), stored.size()) == size;
 }
 
-// Shuffles and compresses. False if that would not be smaller.
+// Shuffles, and does the same.
 bool ShuffleAndCompress(BlockEncoding encoding, std::size_t width, absl::string_view samples,
-                        std::string* out) {
+                        std::size_t limit, std::string* out) {
   if (width == 1) {
-    return Compress(encoding, samples, out);
+    return Compress(encoding, samples, limit, out);
   }
   std::string shuffled(samples.size(), '\0');
   ShuffleOf(width, samples.data(), samples.size() / width, shuffled.data());
-  return Compress(encoding, shuffled, out);
+  return Compress(encoding, shuffled, limit, out);
 }
 
 bool DecompressAndUnshuffle(BlockEncoding encoding, std::size_t width, absl::string_view stored,
@@ -153,10 +155,11 @@ bool DecompressAndUnshuffle(BlockEncoding encoding, std::size_t width, absl::str
 BlockEncoding PackOrCompress(std::size_t width, const math::Index3& dims, absl::string_view samples,
                              std::string* out) {
   const bool is_packed = width <= kMaxPackedWidth && PackSamples(width, dims, samples, out);
+  const std::size_t limit =
+      is_packed ? static_cast<std::size_t>(kShareForLz4 * static_cast<double>(out->size()))
+                : samples.size();
   std::string compressed;
-  if (ShuffleAndCompress(BlockEncoding::kLz4, width, samples, &compressed) &&
-      (!is_packed ||
-       static_cast<double>(compressed.size()) < kShareForLz4 * static_cast<double>(out->size()))) {
+  if (ShuffleAndCompress(BlockEncoding::kLz4, width, samples, limit, &compressed)) {
     *out = std::move(compressed);
     return BlockEncoding::kLz4;
   }
@@ -197,7 +200,8 @@ BlockEncoding EncodeBlock(BlockEncoding wanted, volume::ScalarType type, const m
   BlockEncoding encoding = BlockEncoding::kRaw;
   if (wanted == BlockEncoding::kPacked) {
     encoding = PackOrCompress(width, dims, samples, out);
-  } else if (wanted != BlockEncoding::kRaw && ShuffleAndCompress(wanted, width, samples, out)) {
+  } else if (wanted != BlockEncoding::kRaw &&
+             ShuffleAndCompress(wanted, width, samples, samples.size(), out)) {
     encoding = wanted;
   }
   if (encoding == BlockEncoding::kRaw) {

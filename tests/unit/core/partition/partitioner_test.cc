@@ -299,11 +299,19 @@ TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfRea
   const math::Index3 dims{96, 91, 60};
   const Volume v{dims, ScalarType::kFloat32,
                  testing::SampleField(testing::GyroidField(3), dims, ScalarType::kFloat32, 1, 0)};
-  for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+  using store::BlockEncoding;
+  using store::Distribution;
+  const std::pair<Distribution, BlockEncoding> ways[] = {
+      {Distribution::kRandom, BlockEncoding::kRaw},
+      {Distribution::kGreedy, BlockEncoding::kRaw},
+      {Distribution::kRandom, BlockEncoding::kPacked},
+      {Distribution::kGreedy, BlockEncoding::kZstd}};
+  for (const auto& [distribution, encoding] : ways) {
     std::map<std::string, std::string> first;
     PartitionOptions options = Options("same");
     options.shard_count = 3;
     options.distribution = distribution;
+    options.compression = encoding;
     for (const bool is_seekable : {true, false}) {
       ScriptedSource probe(SourceOf(v), Proceed, is_seekable);
       const std::int64_t least = LeastLimit(probe, options);
@@ -315,7 +323,7 @@ TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfRea
         ScriptedSource source(SourceOf(v), Proceed, is_seekable);
         ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
         if (!is_seekable) {  // bands come from the scratch file
-          EXPECT_EQ(source.planes_read(), distribution == store::Distribution::kGreedy ? 120 : 60);
+          EXPECT_EQ(source.planes_read(), distribution == Distribution::kGreedy ? 120 : 60);
         }
         const auto files = FilesBelow(options.output_directory);
         EXPECT_EQ(files.size(), 3u * 7u + 2u);
