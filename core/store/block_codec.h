@@ -22,7 +22,7 @@ absl::StatusOr<BlockEncoding> ParseBlockEncoding(absl::string_view name);
 absl::string_view NameOf(BlockEncoding encoding);
 
 // Encodes the samples of one block into `*out` and returns the encoding: `wanted`, or kRaw if that
-// does not make the block smaller. Of kPacked also kLz4, where that is much smaller, as for labels
+// does not make the block smaller. Of kPacked also kLz4, where that is much smaller, as for single bright samples
 // and for samples of 8 bytes, which are not packed. Thread-safe.
 //
 // dims:    samples on each axis, at least 1

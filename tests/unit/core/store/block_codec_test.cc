@@ -101,7 +101,8 @@ TEST(BlockCodecTest, SmoothBlocksShrinkAndNoiseStaysRaw) {
     for (const volume::ScalarType type :
          {volume::ScalarType::kUint8, volume::ScalarType::kUint16, volume::ScalarType::kFloat32}) {
       const std::string samples = SmoothSamples(type, 1331);
-      EXPECT_EQ(EncodeBlock(wanted, type, {11, 11, 11}, samples, &stored), wanted);
+      const BlockEncoding encoding = EncodeBlock(wanted, type, {11, 11, 11}, samples, &stored);
+      EXPECT_TRUE(MayBe(encoding, wanted)) << NameOf(encoding) << " for " << NameOf(wanted);
       EXPECT_LT(stored.size(), samples.size() * 3 / 4) << NameOf(wanted) << volume::NameOf(type);
       EXPECT_EQ(EncodeBlock(wanted, type, RowOf(1328 / volume::SizeOf(type)), NoiseSamples(1328),
                             &stored),
@@ -171,22 +172,17 @@ TEST(BlockCodecTest, AnEncodingThatIsNoSmallerThanItsBlockIsDataLoss) {
               StatusIs(absl::StatusCode::kDataLoss, ::testing::_));
 }
 
-// Labels repeat, but their differences have many bits.
+// Single samples among zeros repeat, but each gives its whole group all bits.
 TEST(BlockCodecTest, PackingGivesWayToLz4WhereThatIsMuchSmaller) {
   const math::Index3 dims{19, 19, 19};
-  std::string labels;
-  for (int z = 0; z < 19; ++z) {
-    for (int y = 0; y < 19; ++y) {
-      for (int x = 0; x < 19; ++x) {
-        const int label = (x / 7 + 3 * (y / 5) + 11 * (z / 6)) * 7919;
-        labels.append({static_cast<char>(label & 0xff), static_cast<char>(label >> 8 & 0xff)});
-      }
-    }
+  std::string points;
+  for (int i = 0; i < 19 * 19 * 19; ++i) {
+    points.append(2, i % 41 == 0 ? '\x7f' : '\0');
   }
   std::string stored;
-  EXPECT_EQ(EncodeBlock(BlockEncoding::kPacked, volume::ScalarType::kUint16, dims, labels, &stored),
+  EXPECT_EQ(EncodeBlock(BlockEncoding::kPacked, volume::ScalarType::kUint16, dims, points, &stored),
             BlockEncoding::kLz4);
-  EXPECT_LT(stored.size(), labels.size() / 8);
+  EXPECT_LT(stored.size(), points.size() / 8);
   const std::string smooth = SmoothSamples(volume::ScalarType::kFloat64, 6859);
   EXPECT_EQ(
       EncodeBlock(BlockEncoding::kPacked, volume::ScalarType::kFloat64, dims, smooth, &stored),
