@@ -22,8 +22,8 @@ absl::StatusOr<BlockEncoding> ParseBlockEncoding(absl::string_view name);
 absl::string_view NameOf(BlockEncoding encoding);
 
 // Encodes the samples of one block into `*out` and returns the encoding: `wanted`, or kRaw if that
-// does not make the block smaller. Of kPacked also kLz4, where that is much smaller, as for single bright samples
-// and for samples of 8 bytes, which are not packed. Thread-safe.
+// does not make the block smaller. Of kPacked also kLz4, where that is much smaller, as for single
+// bright samples, and for samples of 8 bytes, which are not packed. Thread-safe.
 //
 // dims:    samples on each axis, at least 1
 // samples: [z][y][x] of `type`, x fastest, little-endian
