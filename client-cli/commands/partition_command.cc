@@ -109,8 +109,8 @@ struct PartitionFlags {
 
 // Measured: docs/partitioning.md, "Smaller datasets".
 constexpr char kCompactHelp[] =
-    "blocks of few bits a sample: 0.2 to 0.8 times the bytes of 8-bit and 16-bit samples, in place "
-    "of 1.6; a core decodes 2 to 4 GB/s of samples";
+    "blocks of few bits a sample: large volumes take 0.2 to 0.8 times the bytes of their samples, "
+    "in place of 1.7; a first frame takes up to a tenth longer";
 
 absl::Status GreedySeriesError() {
   return UsageError(
