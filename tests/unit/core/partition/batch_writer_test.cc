@@ -86,7 +86,7 @@ TEST_F(BatchWriterTest, AllBatchesAreWrittenWhereTheirBlocksBelong) {
   // The file's buffer is flushed when the index begins.
   HistogramBuilder histograms(layout_, type_, 1);
   base::Cancellation never;
-  ISOSCOPE_ASSERT_OK(shards_.Finish(histograms, store::BlockEncoding::kRaw, never).status());
+  ISOSCOPE_ASSERT_OK(shards_.Finish(histograms, never).status());
   EXPECT_EQ(WrittenBytes(), expected);
 }
 
