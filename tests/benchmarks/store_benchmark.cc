@@ -35,9 +35,11 @@ double Noise(int i, double sigma) {
 template <typename T>
 void AppendSamples(double scale, double sigma, std::string* bytes) {
   for (int i = 0; i < kSamples; ++i) {
+    const int row = i / 19;
+    const int plane = row / 19;
     const double x = i % 19;
-    const double y = static_cast<double>(i / 19 % 19);
-    const double z = static_cast<double>(i / (19 * 19));
+    const double y = row % 19;
+    const double z = plane;
     const double smooth = 2 + std::sin(0.11 * x + 0.07 * y) + std::cos(0.09 * z - 0.05 * x);
     base::AppendLittleEndian(static_cast<T>((smooth + Noise(i, sigma)) * scale), bytes);
   }

@@ -101,7 +101,7 @@ TEST(SamplePackingTest, DifferencesOfEveryNumberOfBitsComeBack) {
           });
       std::string packed;
       ASSERT_TRUE(PackSamples(width, dims, samples, &packed));
-      EXPECT_LE(packed.size(), 30 + 8 * 13 * (bits + 2));
+      EXPECT_LE(packed.size(), 30 + std::size_t{8} * 13 * (bits + 2));
       EXPECT_TRUE(Unpack(width, dims, packed) == samples);
     }
   }
@@ -180,13 +180,14 @@ TEST(SamplePackingTest, LengthsAndWidthsThatLieAreRefused) {
     }
     // Too wide, with as many words as that asks for.
     const auto bits = static_cast<char>(8 * width + 1);
-    EXPECT_FALSE(Unpack(
-        width, dims,
-        std::string(108, bits) + std::string(108 * 8 * static_cast<std::size_t>(bits), '\0')));
+    EXPECT_FALSE(
+        Unpack(width, dims,
+               std::string(108, bits) +
+                   std::string(std::size_t{108} * 8 * static_cast<std::size_t>(bits), '\0')));
     // Widest: larger than the samples, yet nothing is written beyond them.
-    EXPECT_TRUE(Unpack(
-        width, dims,
-        std::string(108, static_cast<char>(8 * width)) + std::string(108 * 64 * width, '\x5a')));
+    EXPECT_TRUE(Unpack(width, dims,
+                       std::string(108, static_cast<char>(8 * width)) +
+                           std::string(std::size_t{108} * 64 * width, '\x5a')));
   }
 }
 
