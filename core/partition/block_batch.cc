@@ -82,7 +82,7 @@ absl::Status PlacementQueue::Fill(store::BlocksInOrder* blocks, BlockBatch* batc
   batch->spans.resize(batch->blocks.size());
   batch->finite_spans.resize(batch->blocks.size());
   batch->gradient_magnitudes.resize(batch->blocks.size());
-  batch->crcs.resize(batch->blocks.size());
+  batch->entries.resize(batch->blocks.size());
   return absl::OkStatus();
 }
 

@@ -18,6 +18,7 @@
 #include "core/partition/histogram_builder.h"
 #include "core/partition/partition_plan.h"
 #include "core/store/block_order.h"
+#include "core/store/shard_format.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_span.h"
@@ -47,9 +48,9 @@ struct BlockBatch {
   std::vector<volume::ScalarSpan> spans;
   std::vector<volume::ScalarSpan> finite_spans;  // without infinite samples
   std::vector<double> gradient_magnitudes;       // at least the longest of earlier batches
-  std::vector<std::uint32_t> crcs;
-  std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
-  std::vector<char> bytes;           // one block after the other
+  std::vector<store::BlockIndexEntry> entries;   // without raw sizes
+  std::vector<std::size_t> offsets;              // of each block in `bytes`, and the end
+  std::vector<char> bytes;                       // one block after the other
 
   [[nodiscard]] std::uint16_t ShardAt(std::size_t i) const { return blocks[i].placement.shard; }
 };

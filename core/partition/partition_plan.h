@@ -57,7 +57,7 @@ inline constexpr std::int64_t kMaxBatchBlocks = 4096;
 
 // Sizes of the records that are sorted, one of each for each block.
 inline constexpr std::int64_t kPlacementBytesPerBlock = 24;
-inline constexpr std::int64_t kEntryBytesPerBlock = 32;
+inline constexpr std::int64_t kEntryBytesPerBlock = 48;
 
 // Makes the plan with the largest portions that fit. The random distribution takes no memory that
 // grows with the blocks; the greedy one takes two samples and 14 bytes a block while it deals

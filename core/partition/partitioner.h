@@ -36,7 +36,7 @@ struct PartitionOptions {
   int shard_count = 1;                      // 1 .. min(kMaxShardCount, number of blocks)
   std::optional<math::Index3> block_cells;  // default: volume::DefaultBlockCells
   store::Distribution distribution = store::Distribution::kRandom;
-  // Each shard is compressed after it was written: the disk must hold one shard twice.
+  // If not even four layers of blocks fit in the memory, the disk must hold one shard twice.
   store::BlockEncoding compression = store::BlockEncoding::kRaw;
   std::uint64_t seed = 1;
   std::vector<volume::Label> labels{};  // names and colours of values; volume::ValidateLabels

@@ -4,7 +4,6 @@
 #include <array>
 #include <utility>
 
-#include "absl/functional/function_ref.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -18,8 +17,8 @@
 #include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
+#include "core/store/block_codec.h"
 #include "core/store/histogram_file.h"
-#include "core/store/shard_compressor.h"
 
 namespace isoscope::partition {
 namespace {
@@ -31,11 +30,13 @@ constexpr std::int64_t kMinDirectBytes = 256 * base::kKiB;
 }  // namespace
 
 ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layout,
-                   volume::ScalarType type, const PartitionPlan& plan)
+                   volume::ScalarType type, const PartitionPlan& plan,
+                   store::BlockEncoding encoding)
     : directory_(directory),
       layout_(layout),
       type_(type),
       plan_(plan),
+      encoding_(encoding),
       entries_(directory, plan.entry_bytes) {}
 
 absl::Status ShardSet::Create(int shard_count, bool is_direct) {
@@ -59,6 +60,9 @@ absl::Status ShardSet::Create(int shard_count, bool is_direct) {
 }
 
 absl::Status ShardSet::Write(BlockBatch* batch) {
+  if (encoding_ != store::BlockEncoding::kRaw) {
+    EncodeBlocks(batch);
+  }
   std::vector<std::size_t> begins;  // the first block of each shard, and the end
   for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
     if (i == 0 || batch->ShardAt(i) != batch->ShardAt(i - 1)) {
@@ -68,18 +72,53 @@ absl::Status ShardSet::Write(BlockBatch* batch) {
   begins.push_back(batch->blocks.size());
   std::vector<absl::Status> statuses(begins.size() - 1);
   tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t k) {
-    statuses[k] = WriteOfShard(begins[k], begins[k + 1], batch);
+    statuses[k] = encoding_ == store::BlockEncoding::kRaw
+                      ? WriteOfShard(begins[k], begins[k + 1], batch)
+                      : AppendToShard(begins[k], begins[k + 1], batch);
   });
   for (const absl::Status& status : statuses) {
     ISOSCOPE_RETURN_IF_ERROR(status);
   }
   for (std::size_t i = 0; i < batch->blocks.size(); ++i) {
     const auto& [placement, id] = batch->blocks[i];
-    ISOSCOPE_RETURN_IF_ERROR(entries_.Add({.span = batch->spans[i],
-                                           .id = id,
-                                           .ordinal = placement.ordinal,
-                                           .crc32c = batch->crcs[i],
-                                           .shard = placement.shard}));
+    const store::BlockIndexEntry& stored = batch->entries[i];
+    ISOSCOPE_RETURN_IF_ERROR(
+        entries_.Add({.span = batch->spans[i],
+                      .offset = stored.offset,
+                      .size = stored.size,
+                      .crc32c = stored.crc32c,
+                      .id = id,
+                      .ordinal = placement.ordinal,
+                      .shard = placement.shard,
+                      .encoding = static_cast<std::uint16_t>(stored.encoding)}));
+  }
+  return absl::OkStatus();
+}
+
+// Encoded blocks are not larger than their samples.
+void ShardSet::EncodeBlocks(BlockBatch* batch) const {
+  tbb::parallel_for(std::size_t{0}, batch->blocks.size(), [&](std::size_t i) {
+    const volume::BlockId id = batch->blocks[i].id;
+    char* const bytes = batch->bytes.data() + batch->offsets[i];
+    std::string stored;
+    const store::BlockEncoding encoding =
+        store::EncodeBlock(encoding_, type_, layout_.StoredSamplesOf(id).dims(),
+                           {bytes, batch->offsets[i + 1] - batch->offsets[i]}, &stored);
+    stored.copy(bytes, stored.size());
+    batch->entries[i] = {.block_id = id,
+                         .encoding = static_cast<std::uint32_t>(encoding),
+                         .size = static_cast<std::uint32_t>(stored.size()),
+                         .crc32c = base::Crc32c(stored)};
+  });
+}
+
+absl::Status ShardSet::AppendToShard(std::size_t begin, std::size_t end, BlockBatch* batch) {
+  store::ShardWriter& writer = *writers_[batch->ShardAt(begin)];
+  for (std::size_t i = begin; i < end; ++i) {
+    store::BlockIndexEntry& entry = batch->entries[i];
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        entry.offset,
+        writer.AppendBlock(entry.block_id, {batch->bytes.data() + batch->offsets[i], entry.size}));
   }
   return absl::OkStatus();
 }
@@ -95,27 +134,39 @@ absl::Status ShardSet::WriteOfShard(std::size_t begin, std::size_t end, BlockBat
       ++last;
     } while (last < end && batch->blocks[last].placement.ordinal ==
                                batch->blocks[last - 1].placement.ordinal + 1);
+    std::vector<std::uint32_t> crcs(ids.size());
     ISOSCOPE_RETURN_IF_ERROR(
         writer.WriteBlocks(ids, batch->blocks[first].placement.offset,
                            absl::string_view(batch->bytes.data() + batch->offsets[first],
                                              batch->offsets[last] - batch->offsets[first]),
-                           absl::MakeSpan(batch->crcs).subspan(first, last - first)));
+                           absl::MakeSpan(crcs)));
+    for (std::size_t i = first; i < last; ++i) {
+      batch->entries[i] = {
+          .block_id = batch->blocks[i].id,
+          .offset = batch->blocks[i].placement.offset,
+          .size = static_cast<std::uint32_t>(batch->offsets[i + 1] - batch->offsets[i]),
+          .crc32c = crcs[i - first]};
+    }
     first = last;
   }
   return absl::OkStatus();
 }
 
+store::BlockIndexEntry ShardSet::IndexEntryOf(const Entry& entry) {
+  return {.block_id = entry.id,
+          .encoding = entry.encoding,
+          .offset = entry.offset,
+          .size = entry.size,
+          .crc32c = entry.crc32c};
+}
+
 absl::StatusOr<std::vector<store::ShardSummary>> ShardSet::Finish(
-    const HistogramBuilder& histograms, store::BlockEncoding compression,
-    const base::Cancellation& cancellation) {
+    const HistogramBuilder& histograms, const base::Cancellation& cancellation) {
   ISOSCOPE_RETURN_IF_ERROR(entries_.Finish());
   std::vector<store::ShardSummary> summaries;
   for (std::size_t shard = 0; shard < directories_.size(); ++shard) {
     ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary,
                               FinishShard(shard, histograms, cancellation));
-    if (compression != store::BlockEncoding::kRaw) {
-      ISOSCOPE_ASSIGN_OR_RETURN(summary, Compress(shard, summary, compression, cancellation));
-    }
     summaries.push_back(summary);
   }
   return summaries;
@@ -136,7 +187,7 @@ absl::StatusOr<store::ShardSummary> ShardSet::FinishShard(std::size_t shard,
     if (ordinal % kBlocksBetweenChecks == 0) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     }
-    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(entry.id, entry.crc32c));
+    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(IndexEntryOf(entry)));
     ISOSCOPE_RETURN_IF_ERROR(
         tree.Add({.span = entry.span, .block_id = entry.id, .ordinal = ordinal}));
     ISOSCOPE_RETURN_IF_ERROR(entries_.Advance());
@@ -154,17 +205,12 @@ absl::StatusOr<store::ShardSummary> ShardSet::FinishShard(std::size_t shard,
 }
 
 absl::StatusOr<std::vector<store::ShardPiece>> ShardSet::FinishPieces(
-    const HistogramBuilder& histograms, store::BlockEncoding compression,
-    const base::Cancellation& cancellation) {
+    const HistogramBuilder& histograms, const base::Cancellation& cancellation) {
   ISOSCOPE_RETURN_IF_ERROR(entries_.Finish());
   std::vector<store::ShardPiece> pieces;
   for (std::size_t shard = 0; shard < directories_.size(); ++shard) {
     ISOSCOPE_ASSIGN_OR_RETURN(store::ShardPiece piece,
                               FinishPiece(shard, histograms, cancellation));
-    if (piece.summary.block_count > 0 && compression != store::BlockEncoding::kRaw) {
-      ISOSCOPE_ASSIGN_OR_RETURN(piece.summary,
-                                Compress(shard, piece.summary, compression, cancellation));
-    }
     if (piece.summary.block_count > 0) {
       ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directories_[shard]));
     }
@@ -190,7 +236,7 @@ absl::StatusOr<store::ShardPiece> ShardSet::FinishPiece(std::size_t shard,
       io::CreateWritableFile(absl::StrCat(directories_[shard], "/", store::kSpansFileName)));
   for (; !entries_.is_at_end() && entries_.current().shard == shard;) {
     const Entry& entry = entries_.current();
-    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(entry.id, entry.crc32c));
+    ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(IndexEntryOf(entry)));
     std::array<char, store::kSpanBytes> span{};
     base::StoreLittleEndian(entry.span.min, span.data());
     base::StoreLittleEndian(entry.span.max, span.data() + sizeof(double));
@@ -207,21 +253,6 @@ absl::StatusOr<store::ShardPiece> ShardSet::FinishPiece(std::size_t shard,
   ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
       absl::StrCat(directories_[shard], "/", store::kHistogramFileName), histogram));
   return piece;
-}
-
-// Takes the memory that the shard's tree was built in.
-absl::StatusOr<store::ShardSummary> ShardSet::Compress(
-    std::size_t shard, const store::ShardSummary& raw, store::BlockEncoding encoding,
-    const base::Cancellation& cancellation) const {
-  store::CompressOptions options{.encoding = encoding};
-  options.batch_bytes =
-      std::min(options.batch_bytes, static_cast<std::size_t>(plan_.tree_bytes) / 3);
-  return store::CompressShard(
-      directories_[shard], type_, raw, options,
-      [](std::size_t count, absl::FunctionRef<void(std::size_t)> task) {
-        tbb::parallel_for(std::size_t{0}, count, task);
-      },
-      cancellation);
 }
 
 }  // namespace isoscope::partition

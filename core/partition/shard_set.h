@@ -33,25 +33,22 @@ namespace isoscope::partition {
 class ShardSet {
  public:
   ShardSet(const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
-           const PartitionPlan& plan);
+           const PartitionPlan& plan, store::BlockEncoding encoding);
 
   // Creates the folders and the files of blocks. is_direct: past the page cache, if the plan's
   // buffers are large enough for that
   absl::Status Create(int shard_count, bool is_direct);
-  // Writes the blocks of a batch that was cut, those of a shard by one thread in the order of its
-  // file, so that neighbours are written together.
+  // Encodes and writes the blocks of a batch that was cut, those of a shard by one thread in the
+  // order of its file, so that neighbours are written together. The batch's bytes are lost.
   absl::Status Write(BlockBatch* batch);
-  // Step 4 writes the indices of all shards, then compresses their blocks. Returns a summary of
-  // each.
+  // Step 4 writes the indices of all shards. Returns a summary of each.
   absl::StatusOr<std::vector<store::ShardSummary>> Finish(const HistogramBuilder& histograms,
-                                                          store::BlockEncoding compression,
                                                           const base::Cancellation& cancellation);
 
   // The same for the blocks of one slab: without the interval tree, which the whole shard has, but
   // with spans.bin. A shard without blocks loses its folder.
   absl::StatusOr<std::vector<store::ShardPiece>> FinishPieces(
-      const HistogramBuilder& histograms, store::BlockEncoding compression,
-      const base::Cancellation& cancellation);
+      const HistogramBuilder& histograms, const base::Cancellation& cancellation);
 
   [[nodiscard]] const std::vector<std::string>& directories() const { return directories_; }
 
@@ -60,10 +57,13 @@ class ShardSet {
   // ordinal.
   struct Entry {
     volume::ScalarSpan span;
+    std::int64_t offset = 0;  // where ShardWriter has put it
+    std::uint32_t size = 0;
+    std::uint32_t crc32c = 0;
     volume::BlockId id = 0;
     std::uint32_t ordinal = 0;
-    std::uint32_t crc32c = 0;
     std::uint16_t shard = 0;
+    std::uint16_t encoding = 0;
 
     friend bool operator<(const Entry& a, const Entry& b) {
       return std::tie(a.shard, a.ordinal) < std::tie(b.shard, b.ordinal);
@@ -71,22 +71,24 @@ class ShardSet {
   };
   static_assert(sizeof(Entry) == kEntryBytesPerBlock);
 
-  // Writes blocks [begin, end) of a batch, all of one shard.
+  // Put the encoded blocks of a batch in place of their samples.
+  void EncodeBlocks(BlockBatch* batch) const;
+  // Write blocks [begin, end) of a batch, all of one shard, and fill in their entries.
   absl::Status WriteOfShard(std::size_t begin, std::size_t end, BlockBatch* batch);
+  absl::Status AppendToShard(std::size_t begin, std::size_t end, BlockBatch* batch);
+  static store::BlockIndexEntry IndexEntryOf(const Entry& entry);
   absl::StatusOr<store::ShardPiece> FinishPiece(std::size_t shard,
                                                 const HistogramBuilder& histograms,
                                                 const base::Cancellation& cancellation);
   absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard,
                                                   const HistogramBuilder& histograms,
                                                   const base::Cancellation& cancellation);
-  [[nodiscard]] absl::StatusOr<store::ShardSummary> Compress(
-      std::size_t shard, const store::ShardSummary& raw, store::BlockEncoding encoding,
-      const base::Cancellation& cancellation) const;
 
   const std::string directory_;
   const volume::BlockLayout& layout_;
   const volume::ScalarType type_;
   const PartitionPlan& plan_;
+  const store::BlockEncoding encoding_;
   std::vector<std::string> directories_;
   std::vector<std::unique_ptr<store::ShardWriter>> writers_;
   io::ExternalSorter<Entry> entries_;

@@ -9,13 +9,15 @@
 //                v
 //       PlacementQueue, sorted by position: the order in which blocks are cut
 //                |
-//    3  portion -> Fill -> BatchCutter -> ShardSet -> blocks.bin of each shard, at the offset
+//    3  portion -> Fill -> BatchCutter -> ShardSet -> blocks.bin of each shard, at the offset;
+//                |                                    encoded blocks one after the other
 //                |
-//                |  Entry {shard, ordinal, id, span, CRC-32C}
+//                |  Entry {shard, ordinal, id, span, CRC-32C, encoding, offset, size}
 //                v
 //       ShardSet, sorted by (shard, ordinal)
 //                |
-//    4  Finish, shard by shard: block_index.bin, interval_tree.bin, histogram.bin; compression
+//    4  Finish, shard by shard: block_index.bin, interval_tree.bin, histogram.bin; encoded
+//       blocks that were cut in another order than the shard's are copied into it
 //                |
 //    5  ranges.bin, which grows along with 3; Describe: shard.json and manifest.json of each shard;
 //       the dataset's manifest.json
@@ -62,6 +64,9 @@
 
 namespace isoscope::partition {
 namespace {
+
+// Encoded blocks of most volumes take less than this fraction of the raw ones.
+constexpr std::int64_t kExpectedCompression = 2;
 
 absl::Status CopyFile(const std::string& from, const std::string& to) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto in, io::OpenRandomAccessFile(from));
@@ -166,9 +171,8 @@ absl::StatusOr<SlabSummary> VolumeWriter::WriteSlab(const std::string& directory
                       .finite_range = cutter_->histograms().finite_range(),
                       .max_gradient_magnitude = cutter_->max_gradient_magnitude(),
                       .digest_sum = samples_digest_.sum()};
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      summary.shards,
-      shards_->FinishPieces(cutter_->histograms(), options_.compression, cancellation_));
+  ISOSCOPE_ASSIGN_OR_RETURN(summary.shards,
+                            shards_->FinishPieces(cutter_->histograms(), cancellation_));
   ISOSCOPE_ASSIGN_OR_RETURN(summary.ranges_crc32c, range_writer_->Finish());
   cutter_.reset();
   shards_.reset();
@@ -182,11 +186,12 @@ absl::Status VolumeWriter::WriteLayers(const std::string& directory, const Layer
   progress_.phase = "writing blocks";
   placements_.emplace(directory, layout_, type_, plan_);
   ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map, layers));
-  shards_.emplace(directory, layout_, type_, plan_);
-  // Compression reads the blocks again at once.
-  const bool is_direct = options_.compression == store::BlockEncoding::kRaw &&
-                         StoredBytes(layout_, type_, layers.begin, layers.end) >
-                             options_.max_cached_bytes.value_or(CachedBytes());
+  shards_.emplace(directory, layout_, type_, plan_, options_.compression);
+  const std::int64_t raw_bytes = StoredBytes(layout_, type_, layers.begin, layers.end);
+  const std::int64_t expected_bytes = options_.compression == store::BlockEncoding::kRaw
+                                          ? raw_bytes
+                                          : raw_bytes / kExpectedCompression;
+  const bool is_direct = expected_bytes > options_.max_cached_bytes.value_or(CachedBytes());
   ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count, is_direct));
   batch_writer_.emplace(&*shards_, static_cast<std::size_t>(plan_.batch_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
@@ -272,8 +277,7 @@ absl::Status VolumeWriter::WriteBlocks(const Slab& slab, const Portion& portion)
 // Steps 4 and 5 finish all shards and the range table.
 absl::StatusOr<store::Manifest> VolumeWriter::Finish(const std::string& name) {
   store::Manifest manifest;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      manifest.shards, shards_->Finish(cutter_->histograms(), options_.compression, cancellation_));
+  ISOSCOPE_ASSIGN_OR_RETURN(manifest.shards, shards_->Finish(cutter_->histograms(), cancellation_));
   ISOSCOPE_ASSIGN_OR_RETURN(manifest.range_table_crc32c, range_writer_->Finish());
   const bool is_random = options_.distribution == store::Distribution::kRandom;
   manifest.name = name;

@@ -254,11 +254,12 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
   std::int64_t offset = 0;
   for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
     const BlockIndexEntry entry = DecodeBlockIndexEntry(bytes.data() + at);
-    if (entry.encoding > static_cast<std::uint32_t>(BlockEncoding::kZstd)) {
+    if (entry.encoding > static_cast<std::uint32_t>(kLastBlockEncoding)) {
       return absl::FailedPreconditionError(absl::StrFormat(
-          "%s: offset %d: block %d is stored in encoding %d, this program reads 0 to 2; use a "
+          "%s: offset %d: block %d is stored in encoding %d, this program reads 0 to %d; use a "
           "newer program",
-          path, at, entry.block_id, entry.encoding));
+          path, at, entry.block_id, entry.encoding,
+          static_cast<std::uint32_t>(kLastBlockEncoding)));
     }
     if (entry.block_id >= layout_.block_count() || seen.Contains(entry.block_id)) {
       return absl::DataLossError(
@@ -450,12 +451,10 @@ absl::StatusOr<const char*> ShardReader::VerifyAndDecode(const Entry& entry, con
   if (entry.encoding == BlockEncoding::kRaw) {
     return stored;
   }
-  const std::size_t raw_size =
-      volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
-  buffers->samples.resize(raw_size);
-  const absl::Status status =
-      DecodeBlock(entry.encoding, manifest_.scalar_type, {stored, entry.size}, raw_size,
-                  &buffers->scratch, buffers->samples.data());
+  buffers->samples.resize(volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type));
+  const absl::Status status = DecodeBlock(
+      entry.encoding, manifest_.scalar_type, layout_.StoredSamplesOf(entry.block_id).dims(),
+      {stored, entry.size}, &buffers->scratch, buffers->samples.data());
   if (!status.ok()) {
     return absl::DataLossError(absl::StrFormat("%s: block %d at offset %d of %s: %s", Where(),
                                                entry.block_id, entry.offset, blocks_file_->path(),

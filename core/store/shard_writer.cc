@@ -2,8 +2,12 @@
 //
 //   ShardWriter::Create             the directory, and blocks.bin
 //   ShardWriter::WriteBlock         samples at the offset that the caller gives, in any order
+//   ShardWriter::AppendBlock        encoded blocks, whose sizes nobody knows before, one after the
+//                                   other
 //   ShardWriter::AppendIndexEntry   by ordinal; the first call closes blocks.bin and creates
-//                                   block_index.bin with 64 zero bytes instead of a header
+//                                   block_index.bin with 64 zero bytes instead of a header. Blocks
+//                                   that were appended in another order are copied to a new
+//                                   blocks.bin
 //   ShardWriter::Finish             the header of block_index.bin; the summary for the manifest
 //   the caller                      interval_tree.bin, histogram.bin and ranges.bin
 //   WriteDescriptions               shard.json, a sync of the directory, manifest.json.partial,
@@ -179,34 +183,74 @@ absl::Status ShardWriter::WriteBlocks(absl::Span<const volume::BlockId> ids, std
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::int64_t> ShardWriter::AppendBlock(volume::BlockId id,
+                                                      absl::string_view stored) {
+  if (id >= layout_.block_count()) {
+    return absl::InvalidArgumentError(absl::StrFormat("shard %s: block %d, expected an id below %d",
+                                                      directory_, id, layout_.block_count()));
+  }
+  const std::uint64_t key = BlockOrderKey(layout_, id);
+  is_ordered_ = is_ordered_ && (written_block_count_ == 0 || last_key_ < key);
+  last_key_ = key;
+  const std::int64_t offset = blocks_file_->size_bytes();
+  ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Append(stored));
+  ++written_block_count_;
+  return offset;
+}
+
 absl::Status ShardWriter::AppendIndexEntry(volume::BlockId id, std::uint32_t crc32c) {
-  if (id >= layout_.block_count() ||
-      (block_count_ > 0 && BlockOrderKey(layout_, last_id_) >= BlockOrderKey(layout_, id))) {
+  BlockIndexEntry entry{.block_id = id, .offset = block_bytes_, .crc32c = crc32c};
+  if (id < layout_.block_count()) {
+    entry.size = static_cast<std::uint32_t>(volume::StoredSizeBytes(layout_, id, type_));
+  }
+  return AppendIndexEntry(entry);
+}
+
+absl::Status ShardWriter::AppendIndexEntry(BlockIndexEntry entry) {
+  if (entry.block_id >= layout_.block_count() ||
+      (block_count_ > 0 &&
+       BlockOrderKey(layout_, last_id_) >= BlockOrderKey(layout_, entry.block_id))) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "shard %s: block %d at ordinal %d: expected ids below %d in the order of blocks",
-        directory_, id, block_count_, layout_.block_count()));
+        directory_, entry.block_id, block_count_, layout_.block_count()));
   }
   if (index_file_ == nullptr) {
-    // Closed here, not in Finish: with many shards, a second buffer for each would be too much.
-    ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
-    ISOSCOPE_ASSIGN_OR_RETURN(index_file_,
-                              create_file_(absl::StrCat(directory_, "/", kBlockIndexFileName)));
-    ISOSCOPE_RETURN_IF_ERROR(index_file_->Append(std::string(kBinaryHeaderBytes, '\0')));
+    ISOSCOPE_RETURN_IF_ERROR(StartIndex());
   }
-  const auto size = static_cast<std::uint32_t>(volume::StoredSizeBytes(layout_, id, type_));
-  std::array<char, kBlockIndexEntryBytes> entry{};
-  base::StoreLittleEndian(id, entry.data());
-  base::StoreLittleEndian(static_cast<std::uint32_t>(BlockEncoding::kRaw), entry.data() + 4);
-  base::StoreLittleEndian(block_bytes_, entry.data() + 8);
-  base::StoreLittleEndian(size, entry.data() + 16);  // stored
-  base::StoreLittleEndian(size, entry.data() + 20);  // raw
-  base::StoreLittleEndian(crc32c, entry.data() + 24);
-  ISOSCOPE_RETURN_IF_ERROR(index_file_->Append({entry.data(), entry.size()}));
-  entries_crc32c_ = base::ExtendCrc32c(entries_crc32c_, entry.data(), entry.size());
-  last_id_ = id;
-  block_bytes_ += size;
+  if (unordered_file_ != nullptr) {
+    ISOSCOPE_RETURN_IF_ERROR(CopyBlock(entry));
+  }
+  entry.offset = block_bytes_;
+  entry.raw_size =
+      static_cast<std::uint32_t>(volume::StoredSizeBytes(layout_, entry.block_id, type_));
+  const std::string bytes = EncodeBlockIndexEntry(entry);
+  ISOSCOPE_RETURN_IF_ERROR(index_file_->Append(bytes));
+  entries_crc32c_ = base::ExtendCrc32c(entries_crc32c_, bytes.data(), bytes.size());
+  last_id_ = entry.block_id;
+  block_bytes_ += entry.size;
   ++block_count_;
   return absl::OkStatus();
+}
+
+absl::Status ShardWriter::StartIndex() {
+  // Closed here, not in Finish: with many shards, a second buffer for each would be too much.
+  ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
+  if (!is_ordered_) {
+    // The file without a name goes when it is closed, whatever happens.
+    const std::string path = absl::StrCat(directory_, "/", kBlocksFileName);
+    ISOSCOPE_ASSIGN_OR_RETURN(unordered_file_, io::OpenRandomAccessFile(path));
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, create_file_(path));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(index_file_,
+                            create_file_(absl::StrCat(directory_, "/", kBlockIndexFileName)));
+  return index_file_->Append(std::string(kBinaryHeaderBytes, '\0'));
+}
+
+absl::Status ShardWriter::CopyBlock(const BlockIndexEntry& entry) {
+  block_.resize(entry.size);
+  ISOSCOPE_RETURN_IF_ERROR(unordered_file_->ReadAt(entry.offset, block_.size(), block_.data()));
+  return blocks_file_->Append(block_);
 }
 
 absl::StatusOr<ShardSummary> ShardWriter::Finish() {
@@ -217,6 +261,8 @@ absl::StatusOr<ShardSummary> ShardWriter::Finish() {
         "the index, at least one",
         directory_, written_block_count_, blocks_file_->size_bytes(), block_count_, block_bytes_));
   }
+  ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
+  unordered_file_.reset();
   ISOSCOPE_RETURN_IF_ERROR(index_file_->WriteAt(
       0, EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = static_cast<std::uint32_t>(type_),
                                                .entry_size = kBlockIndexEntryBytes,

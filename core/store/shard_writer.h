@@ -18,21 +18,23 @@
 
 #include "core/io/file.h"
 #include "core/store/manifest.h"
+#include "core/store/shard_format.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/range_table.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::store {
 
-// Call Create, then WriteBlock for every block in any order, then AppendIndexEntry for every block
-// by ordinal, then Finish. The caller then writes the interval tree beside them and, once all
-// shards of the dataset are known, calls WriteDescriptions.
+// Call Create, then WriteBlock or AppendBlock for every block in any order, then AppendIndexEntry
+// for every block by ordinal, then Finish. The caller then writes the interval tree beside them
+// and, once all shards of the dataset are known, calls WriteDescriptions.
 //
 // A block's ordinal is its rank among the shard's blocks in the order of BlockOrderKey
 // (block_order.h). Blocks lie without gaps, so a block's offset is the sum of the stored sizes of
-// those before it.
+// those before it. Raw blocks can be written there at once. Those of other encodings are appended,
+// and copied into their order afterwards, if they came in another.
 //
-// Memory: file buffers only, whatever the number of blocks. Thread-compatible.
+// Memory: file buffers and one block, whatever the number of blocks. Thread-compatible.
 class ShardWriter {
  public:
   using CreateFile =
@@ -58,9 +60,18 @@ class ShardWriter {
   absl::Status WriteBlocks(absl::Span<const volume::BlockId> ids, std::int64_t offset,
                            absl::string_view samples, absl::Span<std::uint32_t> crcs);
 
-  // Appends the entry of the next ordinal to the block index. No block can be written after the
-  // first call. INVALID_ARGUMENT unless ids come in BlockOrderKey order, each once.
+  // Writes an encoded block behind those before, and returns its offset for AppendIndexEntry.
+  // INVALID_ARGUMENT if the id is wrong; otherwise the file's errors. REQUIRES: no block of this
+  // shard was or is written by WriteBlock.
+  absl::StatusOr<std::int64_t> AppendBlock(volume::BlockId id, absl::string_view stored);
+
+  // Appends the entry of the next ordinal to the block index, for a block of WriteBlock or of
+  // AppendBlock. No block can be written after the first call. INVALID_ARGUMENT unless ids come in
+  // BlockOrderKey order, each once; otherwise the files' errors.
+  //
+  // entry: of AppendBlock, whose offset it has; its raw size does not count
   absl::Status AppendIndexEntry(volume::BlockId id, std::uint32_t crc32c);
+  absl::Status AppendIndexEntry(BlockIndexEntry entry);
 
   // Writes the header of the index and flushes it. INTERNAL if the blocks that were written differ
   // from those of the index in number or size.
@@ -68,6 +79,8 @@ class ShardWriter {
 
  private:
   ShardWriter() = default;
+  absl::Status StartIndex();
+  absl::Status CopyBlock(const BlockIndexEntry& entry);
 
   std::string directory_;
   CreateFile create_file_;
@@ -75,6 +88,12 @@ class ShardWriter {
   volume::ScalarType type_ = volume::ScalarType::kUint8;
   std::unique_ptr<io::WritableFile> blocks_file_;
   std::int64_t written_block_count_ = 0;
+  std::uint64_t last_key_ = 0;  // of the blocks that were appended
+  bool is_ordered_ = true;      // so they were appended by ordinal
+
+  // The blocks in the order in which they were appended, while they are copied; otherwise null.
+  std::unique_ptr<io::RandomAccessFile> unordered_file_;
+  std::string block_;
 
   std::unique_ptr<io::WritableFile> index_file_;  // null before the first entry
   std::int64_t block_count_ = 0;                  // entries in the index; so for all below

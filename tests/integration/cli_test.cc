@@ -624,6 +624,14 @@ TEST_F(CliTest, CompressionChangesFilesNotPictures) {
                  testing::RawFlags(gyroid_)));
     EXPECT_TRUE(Render({Path(compression), "--renderer", "cpu"}) == png) << compression;
   }
+  for (const std::vector<std::string>& flags :
+       {std::vector<std::string>{"--compact"}, {"--compact", "--compression", "packed"}}) {
+    const std::string directory = Path(absl::StrCat("compact", flags.size()));
+    MustRun(
+        Join(Join({"partition", Path("volume.raw"), "--output", directory, "--shards", "2"}, flags),
+             testing::RawFlags(gyroid_)));
+    EXPECT_TRUE(Render({directory, "--renderer", "cpu"}) == png) << flags.size();
+  }
 }
 
 TEST_F(CliTest, TheCacheKeepsToItsLimitAndSaysWhatItHas) {

@@ -133,7 +133,7 @@ class PartsTest(unittest.TestCase):
 
   def test_bytes_are_those_of_one_process_for_any_encoding_and_memory(self):
     volume = self.volume(sample_type='uint16')
-    for encoding in ('lz4', 'zstd'):
+    for encoding in ('lz4', 'zstd', 'packed'):
       self.assert_alike(volume, (2, 3), '--shards', '2', '--block-cells', '4', '--compression', encoding,
                         '--levels', '1')
     expected = self.one(volume, '--block-cells', '4', '--shards', '2', '--levels', '1')
@@ -253,6 +253,44 @@ class PartsTest(unittest.TestCase):
         self.assertEqual(process.returncode, 0, said)
       self.finish()
       self.assertEqual(self.joined(), expected)
+
+  def hung(self, source, index, count, *cut):
+    """A run of a part that stops while it writes, as on a node that hangs."""
+    process = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'partition', source, '--part', f'{index}/{count}',
+                                '--output', self.path('many', 'd'), '--quiet', *cut],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    self.addCleanup(process.kill)
+    try_of_part = f'part-{index:05}-of-{count:05}.try-'
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end and process.poll() is None:
+      if any(name.startswith(try_of_part) for _, folders, _ in os.walk(self.path('many')) for name in folders):
+        process.send_signal(signal.SIGSTOP)
+        return process
+    self.fail(f'ended before it could be stopped: {process.communicate()}')
+
+  def test_a_part_whose_node_dies_or_hangs_is_run_elsewhere(self):
+    volume = self.volume(dims='120,110,130')
+    cut = ['--shards', '2', '--block-cells', '4', '--levels', '1']
+    expected = self.one(volume, *cut)
+    for fate in ('dies', 'wakes before the parts are joined', 'wakes afterwards'):
+      with self.subTest(fate=fate):
+        shutil.rmtree(self.path('many'), ignore_errors=True)
+        self.part(volume, 0, 2, *cut)
+        node = self.hung(volume, 1, 2, *cut)
+        self.part(volume, 1, 2, *cut)
+        if fate == 'dies':
+          node.kill()
+          node.communicate(timeout=PATIENCE_S)
+        elif fate == 'wakes before the parts are joined':
+          node.send_signal(signal.SIGCONT)
+          _, said = node.communicate(timeout=PATIENCE_S)
+          self.assertEqual(node.returncode, 0, said)
+        self.finish()
+        if fate == 'wakes afterwards':
+          node.send_signal(signal.SIGCONT)
+          _, said = node.communicate(timeout=PATIENCE_S)
+          self.assertEqual(node.returncode, 1, said)
+        self.assertEqual(self.joined(), expected)
 
   def killed(self, moment_s, *arguments):
     """Runs a command and kills it after some time. False if it had ended before."""

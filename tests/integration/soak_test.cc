@@ -304,8 +304,9 @@ partition::PartitionOptions RandomCut(const math::Index3& block_cells, int shard
   options.shard_count = shard_count;
   options.distribution =
       dice->OneIn(2) ? store::Distribution::kRandom : store::Distribution::kGreedy;
-  options.compression = dice->OneOf<store::BlockEncoding, 3>(
-      {store::BlockEncoding::kRaw, store::BlockEncoding::kLz4, store::BlockEncoding::kZstd});
+  options.compression = dice->OneOf<store::BlockEncoding, 4>(
+      {store::BlockEncoding::kRaw, store::BlockEncoding::kLz4, store::BlockEncoding::kZstd,
+       store::BlockEncoding::kPacked});
   options.seed = dice->Bits();
   return options;
 }

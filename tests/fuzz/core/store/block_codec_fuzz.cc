@@ -15,15 +15,17 @@ namespace {
 using store::BlockEncoding;
 using volume::ScalarType;
 
-constexpr std::size_t kMaxRawBytes = std::size_t{1} << 16;
+constexpr int kEncodingCount = static_cast<int>(store::kLastBlockEncoding) + 1;
+static_assert(128 % kEncodingCount == 0, "seeds count on it");
+constexpr int kMaxSide = 24;
 
-void Decode(BlockEncoding encoding, ScalarType type, std::size_t raw_size,
+void Decode(BlockEncoding encoding, ScalarType type, const math::Index3& dims,
             absl::string_view stored) {
+  const std::size_t raw_size = static_cast<std::size_t>(math::Volume(dims)) * SizeOf(type);
   // Exactly as large, so that a sanitizer sees what is written beyond it.
   const auto out = std::make_unique<char[]>(raw_size);
   std::string scratch;
-  const absl::Status status =
-      store::DecodeBlock(encoding, type, stored, raw_size, &scratch, out.get());
+  const absl::Status status = store::DecodeBlock(encoding, type, dims, stored, &scratch, out.get());
   if (!status.ok()) {
     RequireError(status, {absl::StatusCode::kDataLoss});
     return;
@@ -32,32 +34,38 @@ void Decode(BlockEncoding encoding, ScalarType type, std::size_t raw_size,
           "raw samples are taken as they are");
 }
 
-void RoundTrip(BlockEncoding wanted, ScalarType type, absl::string_view bytes) {
-  const absl::string_view samples = bytes.substr(0, bytes.size() - bytes.size() % SizeOf(type));
-  if (samples.empty()) {
+// Takes rows and planes of the given size, as many planes as there are bytes for.
+void RoundTrip(BlockEncoding wanted, ScalarType type, math::Index3 dims, absl::string_view bytes) {
+  const std::size_t plane_bytes = static_cast<std::size_t>(dims.x * dims.y) * SizeOf(type);
+  dims.z = static_cast<std::int64_t>(bytes.size() / plane_bytes);
+  if (dims.z == 0) {
     return;
   }
+  const absl::string_view samples = bytes.substr(0, static_cast<std::size_t>(dims.z) * plane_bytes);
   std::string stored;
-  const BlockEncoding encoding = store::EncodeBlock(wanted, type, samples, &stored);
+  const BlockEncoding encoding = store::EncodeBlock(wanted, type, dims, samples, &stored);
   Require(encoding == BlockEncoding::kRaw || stored.size() < samples.size(),
           "what is compressed is smaller");
   const auto out = std::make_unique<char[]>(samples.size());
   std::string scratch;
-  Require(store::DecodeBlock(encoding, type, stored, samples.size(), &scratch, out.get()).ok() &&
+  Require(store::DecodeBlock(encoding, type, dims, stored, &scratch, out.get()).ok() &&
               samples == absl::string_view(out.get(), samples.size()),
           "decoding undoes encoding");
 }
 
 void Run(Input input) {
   const std::uint8_t mode = input.Byte();
-  const auto encoding = static_cast<BlockEncoding>(mode % 3);
+  const auto encoding = static_cast<BlockEncoding>(mode % kEncodingCount);
   const auto type = static_cast<ScalarType>(1 + input.Byte() % 8);
-  const std::size_t raw_size = input.Short() % kMaxRawBytes;
+  math::Index3 dims;
+  for (int axis = 0; axis < 3; ++axis) {
+    dims[axis] = 1 + input.Byte() % kMaxSide;
+  }
   const absl::string_view rest = input.Rest();
   if (mode < 128) {
-    Decode(encoding, type, raw_size - raw_size % SizeOf(type), rest);
+    Decode(encoding, type, dims, rest);
   } else {
-    RoundTrip(encoding, type, rest);
+    RoundTrip(encoding, type, dims, rest);
   }
 }
 
@@ -66,21 +74,23 @@ void Run(Input input) {
 std::vector<std::string> Seeds() {
   std::vector<std::string> seeds;
   std::string samples;
-  for (int i = 0; i < 729; ++i) {
+  for (int i = 0; i < 720; ++i) {
     samples.append({static_cast<char>(i / 9), static_cast<char>(i % 9 / 4)});
   }
-  for (int encoding = 0; encoding < 3; ++encoding) {
+  for (int encoding = 0; encoding < kEncodingCount; ++encoding) {
     for (const char type : {'\0', '\3', '\6'}) {  // uint8, int16, float32
+      // 8 x 9 x 20 bytes: all of the samples.
+      const int width = static_cast<int>(SizeOf(static_cast<ScalarType>(1 + type)));
+      const math::Index3 dims{8 / width, 9, 20};
       std::string stored;
-      const absl::string_view block_samples = absl::string_view(samples).substr(0, 1456);
       const auto used =
           store::EncodeBlock(static_cast<BlockEncoding>(encoding),
-                             static_cast<ScalarType>(1 + type), block_samples, &stored);
-      const std::string head{type, static_cast<char>(1456 % 256), static_cast<char>(1456 / 256)};
+                             static_cast<ScalarType>(1 + type), dims, samples, &stored);
+      const std::string head{type, static_cast<char>(dims.x - 1), static_cast<char>(dims.y - 1),
+                             static_cast<char>(dims.z - 1)};
       seeds.push_back(std::string(1, static_cast<char>(used)) + head + stored);
-      // 129, 130, 131: encodings 0, 1, 2 there and back.
-      seeds.push_back(std::string(1, static_cast<char>(129 + encoding)) + head +
-                      std::string(block_samples));
+      // 128, 129, ...: encodings 0, 1, ... there and back.
+      seeds.push_back(std::string(1, static_cast<char>(128 + encoding)) + head + samples);
     }
   }
   return seeds;

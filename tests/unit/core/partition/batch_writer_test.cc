@@ -49,7 +49,7 @@ class BatchWriterTest : public ::testing::Test {
       batch->offsets.push_back(batch->bytes.size());
     }
     batch->spans.resize(ids.size());
-    batch->crcs.resize(ids.size());
+    batch->entries.resize(ids.size());
   }
   [[nodiscard]] std::string WrittenBytes() const {
     return io::ReadWholeFile(
@@ -62,7 +62,7 @@ class BatchWriterTest : public ::testing::Test {
   // A row of 20 blocks.
   const volume::BlockLayout layout_ = volume::BlockLayout::Make({41, 3, 3}, {2, 2, 2}).value();
   PartitionPlan plan_;
-  ShardSet shards_{dir_.path(), layout_, type_, plan_};
+  ShardSet shards_{dir_.path(), layout_, type_, plan_, store::BlockEncoding::kRaw};
 };
 
 TEST_F(BatchWriterTest, AllBatchesAreWrittenWhereTheirBlocksBelong) {
@@ -86,7 +86,7 @@ TEST_F(BatchWriterTest, AllBatchesAreWrittenWhereTheirBlocksBelong) {
   // The file's buffer is flushed when the index begins.
   HistogramBuilder histograms(layout_, type_, 1);
   base::Cancellation never;
-  ISOSCOPE_ASSERT_OK(shards_.Finish(histograms, store::BlockEncoding::kRaw, never).status());
+  ISOSCOPE_ASSERT_OK(shards_.Finish(histograms, never).status());
   EXPECT_EQ(WrittenBytes(), expected);
 }
 

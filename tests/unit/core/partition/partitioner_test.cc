@@ -197,7 +197,7 @@ TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
   for (const Volume* v : {&smooth, &noise}) {
     std::map<std::string, std::size_t> size_of_blocks;
     std::map<std::string, std::string> trees;
-    for (const char* compression : {"none", "lz4", "zstd"}) {
+    for (const char* compression : {"none", "lz4", "zstd", "packed"}) {
       SCOPED_TRACE(compression);
       PartitionOptions options = Options(absl::StrCat(compression, v == &smooth ? "-s" : "-n"));
       options.shard_count = 2;
@@ -215,9 +215,11 @@ TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
     if (v == &smooth) {
       EXPECT_LT(size_of_blocks["lz4"], size_of_blocks["none"] * 9 / 10);
       EXPECT_LT(size_of_blocks["zstd"], size_of_blocks["lz4"]);
+      EXPECT_LT(size_of_blocks["packed"], size_of_blocks["lz4"]);
     } else {
       EXPECT_LE(size_of_blocks["lz4"], size_of_blocks["none"]) << "what grows is stored as it is";
       EXPECT_LE(size_of_blocks["zstd"], size_of_blocks["none"]);
+      EXPECT_LE(size_of_blocks["packed"], size_of_blocks["none"]);
     }
   }
 }
@@ -297,11 +299,19 @@ TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfRea
   const math::Index3 dims{96, 91, 60};
   const Volume v{dims, ScalarType::kFloat32,
                  testing::SampleField(testing::GyroidField(3), dims, ScalarType::kFloat32, 1, 0)};
-  for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+  using store::BlockEncoding;
+  using store::Distribution;
+  const std::pair<Distribution, BlockEncoding> ways[] = {
+      {Distribution::kRandom, BlockEncoding::kRaw},
+      {Distribution::kGreedy, BlockEncoding::kRaw},
+      {Distribution::kRandom, BlockEncoding::kPacked},
+      {Distribution::kGreedy, BlockEncoding::kZstd}};
+  for (const auto& [distribution, encoding] : ways) {
     std::map<std::string, std::string> first;
     PartitionOptions options = Options("same");
     options.shard_count = 3;
     options.distribution = distribution;
+    options.compression = encoding;
     for (const bool is_seekable : {true, false}) {
       ScriptedSource probe(SourceOf(v), Proceed, is_seekable);
       const std::int64_t least = LeastLimit(probe, options);
@@ -313,7 +323,7 @@ TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfRea
         ScriptedSource source(SourceOf(v), Proceed, is_seekable);
         ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
         if (!is_seekable) {  // bands come from the scratch file
-          EXPECT_EQ(source.planes_read(), distribution == store::Distribution::kGreedy ? 120 : 60);
+          EXPECT_EQ(source.planes_read(), distribution == Distribution::kGreedy ? 120 : 60);
         }
         const auto files = FilesBelow(options.output_directory);
         EXPECT_EQ(files.size(), 3u * 7u + 2u);

@@ -350,6 +350,17 @@ TEST_F(ShardReaderTest, HostileBlockIndexEntriesAreRefusedEvenWithRightChecksums
   }
 }
 
+TEST_F(ShardReaderTest, AnUnknownEncodingIsNamedAndAsksForANewerProgram) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  std::string payload = Slurp(ShardFile(kBlockIndexFileName)).substr(kBinaryHeaderBytes);
+  base::StoreLittleEndian(std::uint32_t{4}, payload.data() + kBlockIndexEntryBytes + 4);
+  ReplaceBlockIndex(dataset, payload);
+  EXPECT_THAT(ReadShard(shard_directory_),
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       HasSubstr("encoding 4, this program reads 0 to 3; use a newer program")));
+}
+
 TEST_F(ShardReaderTest, BlocksMayLieInAnyOrder) {
   TestDataset dataset;
   WriteDataset(&dataset);
