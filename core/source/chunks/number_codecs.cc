@@ -75,8 +75,7 @@ absl::StatusOr<StoredNumber> NumpyTypeIn(const ChunkJson& configuration, const c
 
 absl::StatusOr<double> NumberIn(const ChunkJson& configuration, const char* name) {
   const auto found = configuration.find(name);
-  if (found == configuration.end() || !found->is_number() ||
-      !std::isfinite(found->get<double>())) {
+  if (found == configuration.end() || !found->is_number() || !std::isfinite(found->get<double>())) {
     return absl::InvalidArgumentError(absl::StrFormat("its %s is no finite number", name));
   }
   return found->get<double>();
@@ -97,9 +96,9 @@ absl::Status ChangeType(StoredNumber* decoded, StoredNumber* encoded, ChunkData*
   const auto from = static_cast<std::int64_t>(SizeOf(decoded->type));
   const auto to = static_cast<std::int64_t>(SizeOf(encoded->type));
   if (data->size_bytes % from != 0 || !data->is_exact) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "it encodes %s, and is given %s%d bytes", NameOf(decoded->type),
-        data->is_exact ? "" : "up to ", data->size_bytes));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("it encodes %s, and is given %s%d bytes", NameOf(decoded->type),
+                        data->is_exact ? "" : "up to ", data->size_bytes));
   }
   data->size_bytes = data->size_bytes / from * to;
   return absl::OkStatus();
@@ -115,8 +114,9 @@ absl::Status NoHalves(const StoredNumber& a, const StoredNumber& b) {
 template <typename Function>
 decltype(auto) VisitTypes(NumberType decoded, NumberType encoded, Function&& function) {
   return VisitNumberType(decoded, [&]<typename Decoded>() {
-    return VisitNumberType(
-        encoded, [&]<typename Encoded>() { return function.template operator()<Decoded, Encoded>(); });
+    return VisitNumberType(encoded, [&]<typename Encoded>() {
+      return function.template operator()<Decoded, Encoded>();
+    });
   });
 }
 
@@ -177,8 +177,7 @@ bool CastNumber(In value, Rounding rounding, OutOfRange out_of_range, Out* out) 
     return false;
   } else {
     const auto cast = static_cast<Out>(value);
-    const bool is_same =
-        static_cast<In>(cast) == value && ((cast < Out{0}) == (value < In{0}));
+    const bool is_same = static_cast<In>(cast) == value && ((cast < Out{0}) == (value < In{0}));
     if (is_same || out_of_range == OutOfRange::kWrap) {
       *out = cast;
       return true;
@@ -190,9 +189,8 @@ bool CastNumber(In value, Rounding rounding, OutOfRange out_of_range, Out* out) 
 
 template <typename T>
 absl::Status NoSuchNumber(T value, std::size_t i, NumberType type) {
-  return absl::DataLossError(
-      absl::StrFormat("%v, number %d of the chunk, is no %s", static_cast<double>(value), i,
-                      NameOf(type)));
+  return absl::DataLossError(absl::StrFormat("%g, number %d of the chunk, is no %s",
+                                             static_cast<double>(value), i, NameOf(type)));
 }
 
 struct Casting {
@@ -246,9 +244,10 @@ MadeCodec MakeCasting(StoredNumber decoded, StoredNumber encoded, Casting castin
   casting.encoded = encoded.type;
   return std::make_unique<NumberCodec>(
       decoded, encoded, [casting = std::move(casting)](const std::string& stored) -> Numbers {
-        return VisitTypes(casting.decoded, casting.encoded, [&]<typename Decoded, typename Encoded>() {
-          return CastAll<Decoded, Encoded>(casting, stored);
-        });
+        return VisitTypes(casting.decoded, casting.encoded,
+                          [&]<typename Decoded, typename Encoded>() {
+                            return CastAll<Decoded, Encoded>(casting, stored);
+                          });
       });
 }
 
@@ -289,8 +288,8 @@ absl::Status TakeExceptions(const ChunkJson& configuration, NumberType decoded, 
   const bool is_object = map->is_object();
   const auto list = is_object ? map->find("decode") : map->end();
   if (!is_object || (list != map->end() && (!list->is_array() || list->size() > kMaxExceptions))) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("its scalar_map has no list \"decode\" of at most %d pairs", kMaxExceptions));
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "its scalar_map has no list \"decode\" of at most %d pairs", kMaxExceptions));
   }
   for (std::size_t i = 0; list != map->end() && i < list->size(); ++i) {
     const ChunkJson& pair = (*list)[i];
@@ -308,8 +307,8 @@ absl::Status CheckMembers(const ChunkJson& configuration, const std::vector<std:
   for (const auto& item : configuration.items()) {
     if (std::find(known.begin(), known.end(), item.key()) == known.end()) {
       constexpr std::size_t kMaxShown = 60;
-      return absl::InvalidArgumentError(
-          absl::StrFormat("\"%s\" in its configuration is unknown", item.key().substr(0, kMaxShown)));
+      return absl::InvalidArgumentError(absl::StrFormat("\"%s\" in its configuration is unknown",
+                                                        item.key().substr(0, kMaxShown)));
     }
   }
   return absl::OkStatus();
@@ -333,14 +332,13 @@ MadeCodec MakeCastValue(const ChunkJson& configuration, ChunkData* data) {
     return absl::InvalidArgumentError("its data_type is no type of numbers");
   }
   Casting casting;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      casting.rounding,
-      (ChoiceIn<Rounding>(configuration, "rounding",
-                          {{"nearest-even", Rounding::kNearestEven},
-                           {"towards-zero", Rounding::kTowardsZero},
-                           {"towards-positive", Rounding::kUp},
-                           {"towards-negative", Rounding::kDown},
-                           {"nearest-away", Rounding::kNearestAway}})));
+  ISOSCOPE_ASSIGN_OR_RETURN(casting.rounding,
+                            (ChoiceIn<Rounding>(configuration, "rounding",
+                                                {{"nearest-even", Rounding::kNearestEven},
+                                                 {"towards-zero", Rounding::kTowardsZero},
+                                                 {"towards-positive", Rounding::kUp},
+                                                 {"towards-negative", Rounding::kDown},
+                                                 {"nearest-away", Rounding::kNearestAway}})));
   ISOSCOPE_ASSIGN_OR_RETURN(casting.out_of_range,
                             (ChoiceIn<OutOfRange>(configuration, "out_of_range",
                                                   {{"error", OutOfRange::kError},
@@ -378,7 +376,8 @@ Numbers AddUp(NumberType type, const std::string& stored) {
 }
 
 MadeCodec MakeDelta(const ChunkJson& configuration, ChunkData* data) {
-  ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber decoded, NumpyTypeIn(configuration, "dtype", std::nullopt));
+  ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber decoded,
+                            NumpyTypeIn(configuration, "dtype", std::nullopt));
   ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber encoded, NumpyTypeIn(configuration, "astype", decoded));
   ISOSCOPE_RETURN_IF_ERROR(NoHalves(decoded, encoded));
   if (decoded.type == NumberType::kBool || encoded.type == NumberType::kBool) {
@@ -404,7 +403,8 @@ Numbers Unscale(double offset, double scale, NumberType type, const std::string&
   std::string out(count * sizeof(Decoded), '\0');
   for (std::size_t i = 0; i < count; ++i) {
     const auto value = base::LoadLittleEndian<Encoded>(stored.data() + i * sizeof(Encoded));
-    const Real number = static_cast<Real>(value) / static_cast<Real>(scale) + static_cast<Real>(offset);
+    const Real number =
+        static_cast<Real>(value) / static_cast<Real>(scale) + static_cast<Real>(offset);
     Decoded decoded{};
     if (!CastNumber(number, Rounding::kTowardsZero, OutOfRange::kError, &decoded)) {
       return NoSuchNumber(number, i, type);
@@ -415,7 +415,8 @@ Numbers Unscale(double offset, double scale, NumberType type, const std::string&
 }
 
 MadeCodec MakeFixedScaleOffset(const ChunkJson& configuration, ChunkData* data) {
-  ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber decoded, NumpyTypeIn(configuration, "dtype", std::nullopt));
+  ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber decoded,
+                            NumpyTypeIn(configuration, "dtype", std::nullopt));
   ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber encoded, NumpyTypeIn(configuration, "astype", decoded));
   ISOSCOPE_ASSIGN_OR_RETURN(const double offset, NumberIn(configuration, "offset"));
   ISOSCOPE_ASSIGN_OR_RETURN(const double scale, NumberIn(configuration, "scale"));
@@ -446,9 +447,8 @@ Numbers UnscaleExactly(const std::string& offset_bytes, const std::string& scale
     const auto value = base::LoadLittleEndian<T>(stored.data() + i * sizeof(T));
     T number{};
     if constexpr (std::is_integral_v<T>) {
-      const bool overflows =
-          std::is_signed_v<T> && static_cast<std::int64_t>(scale) == -1 &&
-          value == std::numeric_limits<T>::lowest();
+      const bool overflows = std::is_signed_v<T> && static_cast<std::int64_t>(scale) == -1 &&
+                             value == std::numeric_limits<T>::lowest();
       if (overflows || value % scale != 0 ||
           __builtin_add_overflow(static_cast<T>(value / scale), offset, &number)) {
         return NoSuchNumber(value, i, type);
@@ -474,20 +474,19 @@ MadeCodec MakeScaleOffset(const ChunkJson& configuration, ChunkData* data) {
                             NumberBytes(configuration.value("offset", ChunkJson(0)), data->type));
   ISOSCOPE_ASSIGN_OR_RETURN(std::string scale,
                             NumberBytes(configuration.value("scale", ChunkJson(1)), data->type));
-  const bool is_zero = VisitNumberType(data->type, [&]<typename T>() {
-    return base::LoadLittleEndian<T>(scale.data()) == T{0};
-  });
+  const bool is_zero = VisitNumberType(
+      data->type, [&]<typename T>() { return base::LoadLittleEndian<T>(scale.data()) == T{0}; });
   if (is_zero) {
     return absl::InvalidArgumentError("its scale is 0");
   }
   data->fill.clear();
-  return std::make_unique<NumberCodec>(
-      number, number,
-      [offset = std::move(offset), scale = std::move(scale),
-       type = data->type](const std::string& stored) -> Numbers {
-        return VisitNumberType(
-            type, [&]<typename T>() { return UnscaleExactly<T>(offset, scale, type, stored); });
-      });
+  return std::make_unique<NumberCodec>(number, number,
+                                       [offset = std::move(offset), scale = std::move(scale),
+                                        type = data->type](const std::string& stored) -> Numbers {
+                                         return VisitNumberType(type, [&]<typename T>() {
+                                           return UnscaleExactly<T>(offset, scale, type, stored);
+                                         });
+                                       });
 }
 
 // Rounds when it encodes, and leaves numbers as they are when it decodes.
@@ -496,7 +495,8 @@ MadeCodec MakeRounding(const ChunkJson& configuration, ChunkData* data) {
     const StoredNumber number{.type = data->type};
     return MakeCasting(number, number, {});
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber decoded, NumpyTypeIn(configuration, "dtype", std::nullopt));
+  ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber decoded,
+                            NumpyTypeIn(configuration, "dtype", std::nullopt));
   ISOSCOPE_ASSIGN_OR_RETURN(StoredNumber encoded, NumpyTypeIn(configuration, "astype", decoded));
   ISOSCOPE_RETURN_IF_ERROR(ChangeType(&decoded, &encoded, data));
   return MakeCasting(decoded, encoded, {});
