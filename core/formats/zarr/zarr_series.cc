@@ -17,6 +17,7 @@
 #include "core/io/file.h"
 #include "core/source/adapt/resampled_source.h"
 #include "core/source/bytes/local_bytes.h"
+#include "core/source/bytes/zip_store.h"
 #include "core/source/chunks/stored_array.h"
 #include "core/source/series_parts.h"
 
@@ -229,9 +230,37 @@ std::optional<ZarrPath> FindZarrPath(const std::string& path) {
 }
 
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file) {
+  if (!io::IsDirectory(file)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ByteSource> bytes, OpenFileBytes(file));
+    return OpenZippedZarr(std::move(bytes));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ObjectStore> objects, OpenFolderStore(file));
   return ZarrStore::Open(std::move(objects), [file](const std::string& path) {
     return ListFolder(path.empty() ? file : absl::StrCat(file, "/", path));
+  });
+}
+
+absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZippedZarr(std::shared_ptr<const ByteSource> bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ZipStore> zip, OpenZipStore(bytes));
+  const auto has_root = [](const ZipStore& store, const std::string& folder) {
+    const std::vector<std::string> names = store.NamesBelow(folder);
+    return std::any_of(std::begin(kZarrFiles), std::end(kZarrFiles) - 1, [&](const char* name) {
+      return std::find(names.begin(), names.end(), name) != names.end();
+    });
+  };
+  if (!has_root(*zip, "")) {
+    const std::vector<std::string> top = zip->NamesBelow("");
+    const bool is_folder = top.size() == 1 && has_root(*zip, top[0]);
+    if (!is_folder) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(bytes->name(),
+                       ": a ZIP archive without a Zarr store: neither zarr.json nor .zgroup or "
+                       ".zarray at its top: unpack it, and give a file of it"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(zip, OpenZipStore(bytes, top[0]));
+  }
+  return ZarrStore::Open(zip, [zip](const std::string& path) {
+    return absl::StatusOr<std::vector<std::string>>(zip->NamesBelow(path));
   });
 }
 

@@ -12,6 +12,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/formats/zarr/zarr_store.h"
+#include "core/source/bytes/byte_source.h"
 #include "core/source/grid/grid_rules.h"
 #include "core/source/volume_series.h"
 
@@ -31,6 +32,8 @@ std::optional<ZarrPath> FindZarrPath(const std::string& path);
 
 // Opens a store on the local disk, a folder or a ZIP archive. Errors as ZarrStore::Open.
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file);
+// A ZIP archive whose top, or whose only folder there, is a store. INVALID_ARGUMENT: it is none.
+absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZippedZarr(std::shared_ptr<const ByteSource> bytes);
 
 // Opens the volumes that `part` names: a group or an array ("a/b"), a field ("DAPI"), or a component
 // of one, behind a colon if both are ("a/b:x"). An array of a group without an image is one field;
