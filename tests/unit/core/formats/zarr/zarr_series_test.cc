@@ -136,7 +136,7 @@ TEST(ZarrSeriesTest, ListsTheFilesThatDecide) {
                                  root + "/s1/zarr.json", root + "/zarr.json"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto finest, FilesOfZarr(root, "", ""));
   EXPECT_EQ(finest.size(), 2U + 32U);
-  EXPECT_THAT(FilesOfZarr(root, "none", ""), StatusIs(absl::StatusCode::kNotFound));
+  EXPECT_THAT(FilesOfZarr(root, "s0/none", ""), StatusIs(absl::StatusCode::kNotFound));
 }
 
 TEST(ZarrSeriesTest, OpensArchives) {
