@@ -28,12 +28,12 @@ class ZipWriter {
     const auto crc = static_cast<std::uint32_t>(
         crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
     const std::uint64_t place = archive_.size();
-    const std::string local_extra = "\x99\x99\x02\x00xy";
+    const std::string local_extra("\x99\x99\x02\x00xy", 6);
     const std::string extra_head("\x99\x99\x00\x00", 4);
     Numbers(&archive_, std::uint32_t{0x04034b50}, std::uint16_t{20}, flags, method,
             std::uint32_t{0}, crc, Size(packed.size()), Size(bytes.size()),
             static_cast<std::uint16_t>(name.size()), std::uint16_t{6});
-    archive_ += name + std::string(local_extra.data(), 6) + packed;
+    archive_ += name + local_extra + packed;
     std::string extra = extra_head;
     if (is_64_) {
       Numbers(&extra, std::uint16_t{1}, std::uint16_t{24}, std::uint64_t{bytes.size()},
