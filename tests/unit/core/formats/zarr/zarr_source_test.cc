@@ -33,8 +33,9 @@ TEST(ZarrSourceTest, ReadsRows) {
   const auto store = std::make_shared<const MemoryStore>(objects);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::shared_ptr<const ChunkedArray> chunks,
                                 OpenStoredArray(store, metadata.SpecOf("a")));
-  const auto source = MakeZarrSource({.name = "a", .geometry = {.sample_dims = {7, 6, 5}}}, chunks,
-                                     {.space = {0, 2, 3}, .index = {0, 1, 0, 0}}, {});
+  const auto source = MakeZarrSource(
+      {.name = "a", .geometry = {.sample_dims = {7, 6, 5}, .origin = {}, .direction = {}}}, chunks,
+      {.space = {0, 2, 3}, .index = {0, 1, 0, 0}}, {});
   EXPECT_EQ(source->info().type, volume::ScalarType::kUint16);
   EXPECT_GT(source->info().memory_bytes, 0);
   const std::string all = array.Cut({.begin = {0, 1, 0, 0}, .end = {5, 2, 6, 7}}, "");
@@ -63,8 +64,9 @@ TEST(ZarrSourceTest, ServesTypesThatNoVolumeHas) {
                        .separator = '.'};
     const auto store = std::make_shared<const MemoryStore>(Objects{{"0.0.0", bytes}});
     std::shared_ptr<const ChunkedArray> chunks = *OpenStoredArray(store, metadata.SpecOf("a"));
-    return MakeZarrSource({.name = "a", .geometry = {.sample_dims = {2, 2, 2}}}, chunks,
-                          {.space = {0, 1, 2}, .index = {0, 0, 0}}, packing);
+    return MakeZarrSource(
+        {.name = "a", .geometry = {.sample_dims = {2, 2, 2}, .origin = {}, .direction = {}}},
+        chunks, {.space = {0, 1, 2}, .index = {0, 0, 0}}, packing);
   };
   const auto wide = open(NumberType::kInt64,
                          testing::NumberText<std::int64_t>({0, -1, 2, 3, 4, 5, 6, 1LL << 53}), {});
