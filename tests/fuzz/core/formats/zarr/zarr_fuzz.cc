@@ -1,11 +1,13 @@
 // Stores of Zarr: metadata, chunks, shards and archives of strangers. An input is a list of objects,
 // a key and its bytes each; or, if its first byte is odd, an archive.
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -77,6 +79,11 @@ void OpenAndRead(absl::StatusOr<std::unique_ptr<source::ZarrStore>> store,
       RequireZarrError(volume.status());
     }
   }
+}
+
+void OpenArchive(std::string bytes, const std::string& part) {
+  OpenAndRead(
+      source::OpenZippedZarr(std::make_shared<const testing::MemoryBytes>(std::move(bytes))), part);
 }
 
 std::string SeedOf(const Objects& objects) {
@@ -170,21 +177,19 @@ std::vector<std::string> Seeds() {
 }  // namespace isoscope::fuzz
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  using namespace isoscope;
-  fuzz::Input input(data, size);
+  using namespace isoscope::fuzz;
+  Input input(data, size);
   const bool is_archive = (input.Byte() & 1) != 0;
   const std::string part(input.Piece());
   if (is_archive) {
-    fuzz::OpenAndRead(source::OpenZippedZarr(
-                          std::make_shared<const testing::MemoryBytes>(std::string(input.Rest()))),
-                      part);
+    OpenArchive(std::string(input.Rest()), part);
     return 0;
   }
-  testing::Objects objects;
+  Objects objects;
   while (!input.empty() && objects.size() < 64) {
     const std::string key(input.Piece());
     objects[key] = std::string(input.Piece());
   }
-  fuzz::OpenAndRead(testing::OpenObjects(objects), part);
+  OpenAndRead(isoscope::testing::OpenObjects(objects), part);
   return 0;
 }
