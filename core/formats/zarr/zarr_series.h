@@ -46,7 +46,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenZarrSeries(std::unique_ptr<Zar
 
 // The files that decide its samples: the archive; or metadata, from the store's root on, and all
 // files of the arrays and of the coordinates of their axes. RESOURCE_EXHAUSTED: more than 16 Mi.
-// Otherwise errors as OpenZarrSeries.
+// Otherwise errors as OpenZarrSeries; but a field that is not there is none.
 absl::StatusOr<std::vector<std::string>> FilesOfZarr(const std::string& file,
                                                      const std::string& part,
                                                      const std::string& axes,
