@@ -15,6 +15,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
 #include "core/formats/dicom/dicom_folder.h"
@@ -40,6 +41,7 @@
 #include "core/formats/vtk/legacy_vtk_series.h"
 #include "core/formats/vtk/vtk_image.h"
 #include "core/formats/vtk/vtk_series.h"
+#include "core/formats/zarr/zarr_series.h"
 #include "core/io/file.h"
 #include "core/source/bytes/file_layout.h"
 #include "core/source/bytes/file_start.h"
@@ -331,6 +333,42 @@ Series OpenSlices(const FileRequest& request) {
       {.path = request.path, .field = request.field, .volume = std::move(volume), .open = open});
 }
 
+// ---- Zarr. --------------------------------------------------------------------------------------
+
+MaybeFound FindZarr(const std::string& path) {
+  std::optional<ZarrPath> zarr = FindZarrPath(path);
+  if (!zarr.has_value()) {
+    return std::nullopt;
+  }
+  return FileRequest{.path = path,
+                     .file = zarr->file,
+                     .part = std::move(zarr->part),
+                     .files = {std::move(zarr->file)}};
+}
+
+absl::string_view StripSlashes(absl::string_view path) {
+  while (path.size() > 1 && absl::ConsumeSuffix(&path, "/")) {
+  }
+  return path;
+}
+
+MaybeFound FindZarrIn(const std::string& folder) {
+  if (IsZarrFolder(folder)) {
+    return FindZarr(folder);
+  }
+  return absl::EndsWithIgnoreCase(StripSlashes(folder), ".zarr")
+             ? absl::InvalidArgumentError(absl::StrCat(
+                   folder,
+                   ": a folder with neither zarr.json nor .zgroup, .zarray or .zmetadata: "
+                   "no Zarr store, or its hidden files were not copied: copy it again"))
+             : MaybeFound(std::nullopt);
+}
+
+Series OpenZarr(const FileRequest& request) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ZarrStore> store, OpenLocalZarr(request.file));
+  return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
+}
+
 }  // namespace
 
 // HDF5 stands first: its mark goes before the names of all formats that are not written as HDF5.
@@ -353,6 +391,20 @@ const std::vector<Format>& Formats() {
        .find = FindVtk,
        .open = OpenVtk,
        .find_files = FilesOfVtk},
+      {.name = "Zarr",
+       .endings = {".ozx", ".zip"},
+       .more_names = "a folder of Zarr 2 or 3, OME-Zarr: folder[:array]",
+       .is_forceable = false,
+       .has_field_names = true,
+       .axes_for = "arrays of Zarr",
+       .reads_archives = true,
+       .opens_parts = true,
+       .find = FindZarr,
+       .find_in_folder = FindZarrIn,
+       .in_folder = "a Zarr store",
+       .open = OpenZarr,
+       .find_files =
+           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); }},
       {.name = "NIfTI",
        .more_names = ".nii .nii.gz .hdr .hdr.gz .img .img.gz",
        .find = FindByName<HasNiftiName>,

@@ -45,10 +45,6 @@ const std::vector<RefusedFormat>& RefusedFormats() {
        .endings = {".n5", "attributes.json"},
        .advice = "save the dataset as HDF5 or as TIFF slices, as Fiji does",
        .in_folder = {"attributes.json"}},
-      {.name = "Zarr",
-       .endings = {".zarr", ".zarray", ".zgroup", "zarr.json"},
-       .advice = "save the array as HDF5 or as TIFF slices, as Fiji and h5py do",
-       .in_folder = {".zarray", ".zgroup", "zarr.json"}},
       {.name = "OpenFOAM",
        .endings = {".foam"},
        .advice = kResampleAdvice,
@@ -211,6 +207,12 @@ absl::Status ExplainByContent(const std::string& path, absl::Status status,
     // A picture with the name of a slice is read: what is wrong is its stack.
     const auto found = FindByName(file, formats);
     if (found.ok() && found->has_value() && (*found)->format->shows_pictures) {
+      return status;
+    }
+  }
+  if (content.has_value() && absl::StrContains(*content, "a ZIP archive")) {
+    const auto found = FindByName(file, formats);
+    if (found.ok() && found->has_value() && (*found)->format->reads_archives) {
       return status;
     }
   }

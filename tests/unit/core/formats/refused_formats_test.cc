@@ -51,8 +51,6 @@ TEST_F(RefusedFormatsTest, FoldersOfArraysAreKnownByTheirFiles) {
   Write("a.n5/c0/attributes.json", "{}");
   Expect(dir_.Sub("a.n5"), "N5", "HDF5");
   Expect(dir_.Sub("a.n5/c0"), "N5", "HDF5");
-  Write("b/.zgroup", "{}");
-  Expect(dir_.Sub("b"), "Zarr", "TIFF");
   Write("case/system/controlDict", "FoamFile {}");
   Expect(dir_.Sub("case"), "OpenFOAM", "Resample To Image");
 }
