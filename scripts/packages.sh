@@ -12,6 +12,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   build-essential cmake ninja-build ccache pkg-config ca-certificates python3
   libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
+  libcurl4-openssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libblosc-dev
@@ -25,8 +26,8 @@ ISOSCOPE_BUILD_PACKAGES=(
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libblosc1 libwebp7
-  libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libblosc1
+  libcurl4 ca-certificates libwebp7 libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core
   hdf5-filter-plugin hdf5-filter-plugin-blosc-serial hdf5-filter-plugin-zfp-serial hdf5-plugin-lzf)
 # The gateway's own: it writes meshes and draws annotations over pictures.
 ISOSCOPE_GATEWAY_PACKAGES=(libmeshoptimizer2d libpangocairo-1.0-0 libwebp7 libwebpmux3 fonts-dejavu-core)

@@ -19,6 +19,8 @@ DATED = {
     "core/io/work_folder.cc": "times of files, and of the machine's start",
     "core/partition/part_writer.cc": "other machines read when a part was alive",
     "core/source/source_stamps.cc": "times of files",
+    "core/source/remote/remote_client.cc": "requests of S3 are signed with their date",
+    "core/source/remote/retry_policy.cc": "Retry-After may be a date, compared with the answer's own",
     "rpc/certificate_watch.cc": "certificates end at a date",
     "rpc/certificate_watch.h": "certificates end at a date",
     "rpc/transport.cc": "certificates have dates",

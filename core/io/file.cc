@@ -35,6 +35,7 @@
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/continued_file.h"
 #include "core/io/transfers.h"
 
 namespace isoscope::io {
@@ -182,12 +183,14 @@ class PosixWritableFile : public WritableFile {
  public:
   // direct: opened with O_DIRECT; none: everything goes through the page cache
   PosixWritableFile(Descriptor descriptor, std::optional<Descriptor> direct, std::string path,
-                    std::size_t buffer_bytes)
+                    std::size_t buffer_bytes, std::int64_t size_bytes = 0)
       : descriptor_(std::move(descriptor)),
         direct_(std::move(direct)),
         path_(std::move(path)),
         buffer_bytes_(buffer_bytes),
-        buffer_(buffer_bytes) {
+        buffer_(buffer_bytes),
+        buffer_offset_(size_bytes),
+        size_bytes_(size_bytes) {
     ISOSCOPE_CHECK(std::has_single_bit(buffer_bytes));
     ISOSCOPE_CHECK(!direct_.has_value() || buffer_bytes % kDirectAlignment == 0);
   }
@@ -302,8 +305,8 @@ class PosixWritableFile : public WritableFile {
   const std::string path_;
   const std::size_t buffer_bytes_;
   AlignedBuffer buffer_;
-  std::int64_t buffer_offset_ = 0;
-  std::int64_t size_bytes_ = 0;
+  std::int64_t buffer_offset_;
+  std::int64_t size_bytes_;
   absl::Status status_;  // the first error
   bool is_closed_ = false;
 };
@@ -389,6 +392,27 @@ absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::stri
                             OpenDescriptor(path, O_WRONLY | O_CREAT | O_EXCL, 0666, "create"));
   return std::make_unique<PosixWritableFile>(std::move(descriptor), std::nullopt, path,
                                              buffer_bytes);
+}
+
+absl::StatusOr<std::unique_ptr<WritableFile>> ContinueWritableFile(const std::string& path,
+                                                                   std::int64_t size_bytes) {
+  ISOSCOPE_CHECK_GE(size_bytes, 0);
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
+                            OpenDescriptor(path, O_WRONLY | O_NONBLOCK, 0, "open"));
+  struct stat info {};
+  if (fstat(descriptor.get(), &info) != 0) {
+    return ErrnoToStatus(errno, "stat", path);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckMode(info.st_mode, path));
+  if (info.st_size < size_bytes) {
+    return absl::DataLossError(absl::StrCat(path, ": ends after ", info.st_size,
+                                            " bytes, expected at least ", size_bytes));
+  }
+  if (ftruncate(descriptor.get(), size_bytes) != 0) {
+    return ErrnoToStatus(errno, "cut", path);
+  }
+  return std::make_unique<PosixWritableFile>(std::move(descriptor), std::nullopt, path,
+                                             kWriteBufferBytes, size_bytes);
 }
 
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateDirectFile(const std::string& path,

@@ -27,8 +27,9 @@ class ByteSource {
  public:
   virtual ~ByteSource() = default;
 
-  // Reads all ranges, at once where the place allows it, and joins neighbours. Returns the first
-  // error by range; what was read by then is in no order.
+  // Reads all ranges, at once where the place allows it, and joins neighbours. Ranges may overlap
+  // if their memory does not. Returns the first error that is met; then any part of the ranges may
+  // have been read.
   //
   // OUT_OF_RANGE if a range does not lie within size_bytes(). DATA_LOSS if the bytes end before, or
   // if the object has changed since it was opened. CANCELLED and DEADLINE_EXCEEDED soon after the
