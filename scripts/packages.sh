@@ -15,7 +15,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libopenvdb-dev
-  libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core
+  liblzma-dev libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core
 )
 
 # Packages to run the programs in the container images: all four programs; those that draw (isoscope-agent and

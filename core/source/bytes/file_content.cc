@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/source/bytes/file_start.h"
+#include "core/source/bytes/zip_file.h"
 
 namespace isoscope::source {
 namespace {
@@ -40,7 +41,6 @@ const std::vector<Mark>& Marks() {
        "fetch it with git annex get"},
       {Bytes("\x0e\x03\x13\x01"), "HDF4",
        "convert it to HDF5 (h4toh5 of the HDF Group) or to netCDF"},
-      {Bytes("\x93NUMPY"), "a NumPy array", "in Python, isoscope.serve(numpy.load(FILE)) takes it"},
       {"MATLAB 5.0 MAT-file", "a MAT-file of version 5 to 7",
        "save it with MATLAB's -v7.3, which is HDF5"},
       {"SIMPLE  =", "FITS", kServeAdvice},
@@ -130,6 +130,9 @@ std::optional<std::string> DescribeHead(absl::string_view head) {
   if (absl::StartsWith(text, "<?xml") || absl::StartsWith(text, "<VTKFile") ||
       absl::StartsWith(text, "<Xdmf") || absl::StartsWith(text, "<Error")) {
     return DescribeXml(text);
+  }
+  if (absl::EndsWith(FirstZipName(head), ".npy")) {
+    return std::nullopt;  // arrays of NumPy
   }
   for (const Mark& mark : Marks()) {
     if (head.size() >= mark.offset && absl::StartsWith(head.substr(mark.offset), mark.bytes)) {
