@@ -17,7 +17,10 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/arrays/fits_header.h"
+#include "core/formats/arrays/fits_series.h"
 #include "core/formats/arrays/npy_series.h"
+#include "core/formats/dicom/dicom_archive.h"
 #include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/dicom/dicom_labels.h"
 #include "core/formats/dicom/dicom_source.h"
@@ -47,6 +50,7 @@
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
 #include "core/source/bytes/part_path.h"
+#include "core/source/bytes/zip_file.h"
 #include "core/source/hdf5/hdf5_path.h"
 #include "core/source/series_parts.h"
 #include "core/source/single_series.h"
@@ -477,10 +481,28 @@ const std::vector<Format>& Formats() {
        .endings = {".npz"},
        .more_names = "file.npz:array",
        .has_field_names = true,
+       .opens_archives = true,
        .opens_parts = true,
        .is_content = IsNpz,
        .is_plain = true,
        .open = [](const FileRequest& r) { return OpenNpzSeries(r.file, r.part); }},
+      // Behind NPZ: any other ZIP archive is taken for one of DICOM files.
+      {.name = "DICOM archive",
+       .endings = {".zip"},
+       .opens_archives = true,
+       .is_content = IsZip,
+       .is_plain = true,
+       .open = [](const FileRequest& r) { return OpenDicomArchive(r.file, r.field, r.rules); },
+       .list_series = ListDicomArchive,
+       .find_series_file = FindDicomSeriesFile},
+      {.name = "FITS",
+       .endings = {".fits", ".fits.gz", ".fit", ".fit.gz", ".fts", ".fts.gz", ".fits.fz"},
+       .more_names = "file.fits:NAME, file.fits:1",
+       .has_field_names = true,
+       .opens_parts = true,
+       .is_content = IsFits,
+       .open =
+           [](const FileRequest& r) { return OpenFitsSeries(r.file, r.part, r.field, r.rules); }},
       {.name = "netCDF",
        .endings = NetcdfEndings(),
        .has_field_names = true,

@@ -16,7 +16,6 @@ namespace isoscope::source {
 namespace {
 
 constexpr char kUnpack[] = "unpack it, and give what is in it";
-constexpr char kImage[] = "save it as NRRD, MetaImage or .vti";
 constexpr char kVideo[] = "save its frames as slices, as PNG or TIFF";
 
 // Keeps the zeros in a literal.
@@ -43,9 +42,11 @@ const std::vector<Mark>& Marks() {
        "convert it to HDF5 (h4toh5 of the HDF Group) or to netCDF"},
       {"MATLAB 5.0 MAT-file", "a MAT-file of version 5 to 7",
        "save it with MATLAB's -v7.3, which is HDF5"},
-      {"SIMPLE  =", "FITS", kServeAdvice},
-      {"# AmiraMesh", "Amira's own format", kImage},
-      {"# Avizo", "Amira's own format", kImage},
+      {"# AmiraMesh", "Amira's own format", kAmiraAdvice},
+      {"# HyperMesh", "Amira's own format", kAmiraAdvice},
+      {"# Avizo", "Amira's own format", kAmiraAdvice},
+      {"object 1 class gridpositions", "OpenDX", kOpenDxAdvice},
+      {"\xc3\x40\xf1", "SEG-Y", kSegyAdvice},  // "C 1" in EBCDIC
       {"GRIB", "GRIB", "convert it to netCDF, as cdo -f nc copy IN OUT does"},
       {"LASF", "a cloud of points (LAS)", "grid it first"},
       {"solid ", "STL", kMeshAdvice},
@@ -96,8 +97,7 @@ std::optional<std::string> DescribeXml(absl::string_view head) {
     return RefusedSentence("a VTK grid that is not regular, or a mesh", kResampleAdvice);
   }
   if (absl::StrContains(head, "<Xdmf")) {
-    return RefusedSentence("XDMF",
-                           "give the HDF5 file that it names, with the dataset: FILE.h5:/name");
+    return RefusedSentence("XDMF", kXdmfAdvice);
   }
   if (absl::StrContains(head, "<GIFTI")) {
     return RefusedSentence("a surface of the brain (GIFTI)", kMeshAdvice);

@@ -62,7 +62,7 @@ std::int64_t LoadLong(absl::string_view bytes, std::size_t offset) {
 }
 
 absl::Status ZipError(const io::RandomAccessFile& file, absl::string_view what) {
-  return absl::InvalidArgumentError(absl::StrCat(file.path(), ": ZIP archive: ", what));
+  return absl::InvalidArgumentError(absl::StrCat(file.path(), ": a ZIP archive: ", what));
 }
 
 absl::StatusOr<std::string> ReadText(const io::RandomAccessFile& file, std::int64_t offset,
