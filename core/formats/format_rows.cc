@@ -496,7 +496,7 @@ const std::vector<Format>& Formats() {
        .list_series = ListDicomArchive,
        .find_series_file = FindDicomSeriesFile},
       {.name = "FITS",
-       .endings = {".fits", ".fits.gz", ".fit", ".fit.gz", ".fts", ".fts.gz", ".fits.fz"},
+       .endings = {".fits", ".fits.gz", ".fit", ".fit.gz", ".fts", ".fts.gz", ".fz"},
        .more_names = "file.fits:NAME, file.fits:1",
        .has_field_names = true,
        .opens_parts = true,

@@ -43,7 +43,7 @@ constexpr std::int64_t kBlockBytes = 2880;
 constexpr std::size_t kCardBytes = 80;
 constexpr std::int64_t kMaxFitsHeaderBytes = 4 * base::kMiB;
 constexpr std::int64_t kMaxParts = 10'000;
-constexpr std::int64_t kMaxAxes = 999;  // of the standard
+constexpr std::int64_t kMaxFitsAxes = 999;  // of the standard
 constexpr std::int64_t kMostBytes = std::numeric_limits<std::int64_t>::max() / 4;
 
 // The bytes of the file front to back, decoded.
@@ -141,7 +141,7 @@ absl::StatusOr<std::int64_t> TakeFitsPart(FitsPart* part) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t groups, cards.Integer("GCOUNT", 1));
   const bool is_type =
       bits == 8 || bits == 16 || bits == 32 || bits == 64 || bits == -32 || bits == -64;
-  if (!is_type || axes < 0 || axes > kMaxAxes || parameters < 0 || groups < 0) {
+  if (!is_type || axes < 0 || axes > kMaxFitsAxes || parameters < 0 || groups < 0) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "BITPIX %d, NAXIS %d, PCOUNT %d, GCOUNT %d; expected 8, 16, 32, 64, -32 or -64, and no "
         "number below 0: damaged",

@@ -96,11 +96,7 @@ absl::Status TakeTimes(const std::string& what, std::vector<PvdStep>* steps) {
 
 }  // namespace
 
-bool IsVtkStepList(const std::string& path) {
-  return absl::EndsWithIgnoreCase(path, ".vti.series") ||
-         absl::EndsWithIgnoreCase(path, ".pvti.series") ||
-         absl::EndsWithIgnoreCase(path, ".vtr.series");
-}
+bool IsVtkStepList(const std::string& path) { return absl::EndsWithIgnoreCase(path, ".series"); }
 
 absl::StatusOr<std::vector<PvdStep>> ReadVtkStepList(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, io::ReadWholeFile(path, kMaxListBytes));

@@ -13,7 +13,7 @@
 
 namespace isoscope::source {
 
-// Returns true if a name is that of a list: .vti.series, .pvti.series or .vtr.series.
+// Returns true if a name is that of a list: run.vti.series. Lists of meshes have such names, too.
 bool IsVtkStepList(const std::string& path);
 
 // Reads a list, in its order: JSON with "files" of "name", and of "time" in all of them or in none;

@@ -27,7 +27,7 @@ std::vector<std::string> Seeds() {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isoscope::fuzz;
-  const std::string bytes = Input(data, size).Rest();
+  const std::string bytes(Input(data, size).Rest());
   const char* name = !bytes.empty() && bytes[0] % 2 != 0 ? "v.npz" : "v.npy";
   WriteVolumeFile(name, bytes.substr(bytes.empty() ? 0 : 1));
   OpenAndReadSeries(InVolumeFolder(name));

@@ -65,7 +65,7 @@ TEST_F(VtkStepsTest, AListHasTheTimesAndTheOrderOfItsFiles) {
       Write("run.vti.series", ListOf("{\"name\": \"b.vti\", \"time\": 0.5}, "
                                      "{\"name\": \"a.vti\", \"time\": 2, \"more\": [1]}"));
   EXPECT_TRUE(IsVtkStepList(path));
-  EXPECT_FALSE(IsVtkStepList("run.vtu.series"));
+  EXPECT_FALSE(IsVtkStepList("run.vti"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenVolumeSeries(path));
   EXPECT_THAT(series->info().times, ElementsAre(0.5, 2));
   EXPECT_EQ(Firsts(*series), "ba");
