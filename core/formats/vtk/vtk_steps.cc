@@ -75,7 +75,7 @@ absl::StatusOr<PvdStep> StepOfJson(const ListJson& file, const std::string& path
 absl::Status TakeTimes(const std::string& what, std::vector<PvdStep>* steps) {
   std::size_t timed = 0;
   for (const PvdStep& step : *steps) {
-    timed += std::isnan(step.time) ? 0 : 1;
+    timed += std::isnan(step.time) ? std::size_t{0} : std::size_t{1};
   }
   if (timed != 0 && timed != steps->size()) {
     return absl::InvalidArgumentError(absl::StrFormat(
