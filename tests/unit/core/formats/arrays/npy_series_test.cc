@@ -189,7 +189,7 @@ TEST_F(NpySeriesTest, RefusesInASentence) {
            {"a.npz", npz({.name = "a.npy", .bytes = good, .flags = 1}), "is encrypted"},
            {"a.npz", ZipBytes({{.name = "a.npy", .bytes = good}}).substr(0, 200),
             "the file is cut"}}) {
-    EXPECT_THAT(OpenVolumeSeries(Write(c.name, c.bytes)), StatusIs(kInvalid, HasSubstr(c.message)))
+    EXPECT_THAT(OpenVolumeFile(Write(c.name, c.bytes)), StatusIs(kInvalid, HasSubstr(c.message)))
         << c.message;
   }
 }
