@@ -62,7 +62,7 @@ TEST_F(RefusedFormatsTest, OtherFilesAreKnownByTheirNames) {
   Expect(Write("a.pvtr", "<VTKFile type=\"PRectilinearGrid\"/>"), "a VTK grid", ".vti");
   Expect(Write("a.CZI", "ZISRAWFILE"), "a microscope's own format", "OME-TIFF");
   Expect(Write("binary.stl", std::string(84, '\1')), "a mesh", "isoscope export");
-  Expect(Write("head.dm4", "\1\2\3\4"), "Gatan's own format", "MRC or TIFF");
+  Expect(Write("head.dm4", "\1\2\3\4"), "Gatan's own format", "dm2mrc IN OUT.mrc");
   Expect(Write("w.pt", "\1\2\3\4"), "a Python pickle", "runs code");
   Expect(Write("head.nii.gz.part", "\1\2\3\4"), "an unfinished download", "let it finish");
   Expect(Write("a.case", "FORMAT"), "EnSight", "Resample To Image");
