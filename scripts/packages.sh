@@ -16,7 +16,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libblosc-dev
-  zlib1g-dev libopenvdb-dev
+  zlib1g-dev liblzma-dev libopenvdb-dev
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core
 )
 

@@ -49,6 +49,7 @@ FLOORS = [
     ["core/partition", "core/visibility", "core/picture", "core/render", "core/solid"],
     ["core/frame", "core/store", "core/index", "core/extract", "core/composite", "core/formats"],
     [
+        "core/formats/arrays",
         "core/formats/dicom",
         "core/formats/hdf5",
         "core/formats/maps",

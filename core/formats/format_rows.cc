@@ -18,6 +18,10 @@
 #include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/arrays/fits_header.h"
+#include "core/formats/arrays/fits_series.h"
+#include "core/formats/arrays/npy_series.h"
+#include "core/formats/dicom/dicom_archive.h"
 #include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/dicom/dicom_labels.h"
 #include "core/formats/dicom/dicom_source.h"
@@ -41,12 +45,14 @@
 #include "core/formats/vtk/legacy_vtk_series.h"
 #include "core/formats/vtk/vtk_image.h"
 #include "core/formats/vtk/vtk_series.h"
+#include "core/formats/vtk/vtk_steps.h"
 #include "core/formats/zarr/zarr_series.h"
 #include "core/io/file.h"
 #include "core/source/bytes/file_layout.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
 #include "core/source/bytes/part_path.h"
+#include "core/source/bytes/zip_file.h"
 #include "core/source/hdf5/hdf5_path.h"
 #include "core/source/series_parts.h"
 #include "core/source/single_series.h"
@@ -160,27 +166,61 @@ Files FilesOfNetcdf(const FileRequest& request) {
 
 bool IsPvd(const std::string& path) { return absl::EndsWithIgnoreCase(path, ".pvd"); }
 
+bool IsVtkImageName(const std::string& path) {
+  PartPath parts;
+  return SplitVtkImagePath(path, &parts) && parts.part.empty();
+}
+
+// "run_*.vti:p": each file that exists is a step.
+bool IsVtkPattern(const FileRequest& request) { return IsPattern(request.file); }
+
 MaybeFound FindVtk(const std::string& path) {
   PartPath parts;
   if (!SplitVtkImagePath(path, &parts)) {
-    return IsPvd(path) ? FoundFile(path) : std::nullopt;
+    return IsPvd(path) || IsVtkStepList(path) ? FoundFile(path) : std::nullopt;
+  }
+  if (IsPattern(parts.file)) {
+    return FileRequest{.path = path,
+                       .file = parts.file,
+                       .part = parts.part,
+                       .files = FilesNamed(parts.file, IsVtkImageName)};
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(parts.file));
   return FileRequest{.path = path, .file = parts.file, .part = parts.part, .files = {parts.file}};
 }
 
-Series OpenVtk(const FileRequest& request) {
-  return IsPvd(request.file) ? OpenPvdSeries(request.file, request.rules)
-                             : OpenVtkImageSeries(request.file, request.part, request.rules);
+absl::StatusOr<std::vector<PvdStep>> StepsOfVtk(const FileRequest& request) {
+  return IsPvd(request.file) ? ReadPvdSteps(request.file)
+         : IsVtkStepList(request.file)
+             ? ReadVtkStepList(request.file)
+             : StepsOfVtkFiles(request.path, request.files, request.rules);
 }
 
-// The collection and its steps, those of .pvti with their pieces.
+bool HasVtkSteps(const FileRequest& request) {
+  return IsPvd(request.file) || IsVtkStepList(request.file) || IsVtkPattern(request);
+}
+
+Series OpenVtk(const FileRequest& request) {
+  if (!HasVtkSteps(request)) {
+    return OpenVtkImageSeries(request.file, request.part, request.rules);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<PvdStep> steps, StepsOfVtk(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                            OpenVtkSteps(request.file, std::move(steps), request.rules));
+  return request.part.empty() ? std::move(series)
+                              : SelectPart(std::move(series), request.file, request.part);
+}
+
+// The collection, if it is a file, and its steps, those of .pvti with their pieces.
 Files FilesOfVtk(const FileRequest& request) {
-  if (!IsPvd(request.file)) {
+  if (!HasVtkSteps(request)) {
     return FilesOfPvdStep({.file = request.file});
   }
-  std::vector<std::string> files = {request.file};
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, ReadPvdSteps(request.file));
+  std::vector<std::string> files;
+  if (!IsVtkPattern(request)) {
+    files.push_back(request.file);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, StepsOfVtk(request));
   for (const PvdStep& step : steps) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> of_step, FilesOfPvdStep(step));
     files.insert(files.end(), of_step.begin(), of_step.end());
@@ -384,7 +424,7 @@ const std::vector<Format>& Formats() {
        .open = OpenHdf5,
        .find_files = FilesOfHdf5},
       {.name = "VTI",
-       .more_names = "file.vti[:array[:component]], .pvti, .pvd",
+       .more_names = "file.vti[:array[:component]], .pvti, .pvd, .vti.series, or a pattern",
        .is_forceable = false,
        .has_field_names = true,
        .opens_parts = true,
@@ -454,6 +494,7 @@ const std::vector<Format>& Formats() {
       LayoutRow<ReadAfniLayout>("AFNI", IsAfniHeader, {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<ReadParRecLayout>("PAR/REC", IsParHeader, {".par"}),
       LayoutRow<ReadBrukerLayout>("ParaVision", IsBrukerHeader, {"2dseq", "visu_pars"}),
+      LayoutRow<ReadMrtrixLayout>("MRtrix", IsMrtrixHeader, {".mif", ".mif.gz", ".mih"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,
@@ -484,6 +525,36 @@ const std::vector<Format>& Formats() {
        .has_field_names = true,
        .is_content = IsVdb,
        .open = [](const FileRequest& r) { return OpenVdbSeries(r.file, r.part, r.rules); }},
+      {.name = "NumPy",
+       .endings = {".npy", ".npy.gz"},
+       .is_content = IsNpy,
+       .open = [](const FileRequest& r) { return OpenNpySeries(r.file, r.field); }},
+      {.name = "NPZ",
+       .endings = {".npz"},
+       .more_names = "file.npz:array",
+       .has_field_names = true,
+       .opens_archives = true,
+       .opens_parts = true,
+       .is_content = IsNpz,
+       .is_plain = true,
+       .open = [](const FileRequest& r) { return OpenNpzSeries(r.file, r.part); }},
+      // Behind NPZ: any other ZIP archive is taken for one of DICOM files.
+      {.name = "DICOM archive",
+       .endings = {".zip"},
+       .opens_archives = true,
+       .is_content = IsZip,
+       .is_plain = true,
+       .open = [](const FileRequest& r) { return OpenDicomArchive(r.file, r.field, r.rules); },
+       .list_series = ListDicomArchive,
+       .find_series_file = FindDicomSeriesFile},
+      {.name = "FITS",
+       .endings = {".fits", ".fits.gz", ".fit", ".fit.gz", ".fts", ".fts.gz", ".fz"},
+       .more_names = "file.fits:NAME, file.fits:1",
+       .has_field_names = true,
+       .opens_parts = true,
+       .is_content = IsFits,
+       .open =
+           [](const FileRequest& r) { return OpenFitsSeries(r.file, r.part, r.field, r.rules); }},
       {.name = "netCDF",
        .endings = NetcdfEndings(),
        .has_field_names = true,

@@ -45,6 +45,7 @@ struct Format {  // NOLINT(clang-analyzer-optin.performance.Padding): members st
   absl::string_view only_axes{};  // the only ones that it takes; "": any
   bool shows_pictures = false;    // its files are pictures, which other programs show
   bool reads_archives = false;    // its files may be ZIP archives, whose content says no more
+  bool opens_archives = false;    // its files are archives, whose faults are its own to explain
   bool opens_parts = false;       // `open` takes the part; else it is one of the fields opened
 
   // These recognise its files beside their endings; null: not so. First, a name that tells more

@@ -128,8 +128,8 @@ absl::Status CheckSliceFiles(const std::vector<std::string>& files, const TiffSt
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
           "type",
-          path, other.width, other.height, volume::NameOf(other.type), files[0], format.width,
-          format.height, volume::NameOf(format.type)));
+          path, other.width, other.height, other.type_name(), files[0], format.width, format.height,
+          format.type_name()));
     }
   }
   return absl::OkStatus();
@@ -139,7 +139,7 @@ absl::Status CheckSliceFiles(const std::vector<std::string>& files, const TiffSt
 absl::StatusOr<std::int64_t> CountPlanes(std::int64_t described, TiffStack* stack) {
   const auto planes = static_cast<std::int64_t>(stack->pages.offsets.size()) * stack->format.planes;
   if (described <= planes || stack->pages.offsets.size() > 1 || stack->pages.raw_offset == 0 ||
-      stack->format.planes != 1) {
+      stack->format.planes != 1 || stack->format.is_bits) {
     return planes;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(stack->files.front()));

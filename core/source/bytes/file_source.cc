@@ -29,6 +29,7 @@
 #include "core/source/adapt/rescale.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/decoded_stream.h"
+#include "core/source/bytes/zip_file.h"
 
 namespace isoscope::source {
 namespace {
@@ -94,8 +95,10 @@ class StoredBytes {
   // Decodes `size` bytes from `begin` of the open file's samples.
   absl::Status Decode(std::int64_t begin, std::size_t size, char* out) {
     if (stream_ == nullptr) {
-      stream_ = MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
-                                  location_.offset);
+      stream_ = location_.encoding == SampleEncoding::kZip
+                    ? MakeZipStream(location_.member, file_.get())
+                    : MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
+                                        location_.offset);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t skip, DecodedSkip());
     const std::int64_t position = skip + begin;
