@@ -111,8 +111,6 @@ CLI11_FILE = "core/cli/flag_set.cc"
 
 UNTESTED_HEADERS = {
     "core/source/volume_source.h": "the contract, by every reader's test",
-    "core/source/bytes/byte_source.h": "the contract, by local_bytes_test",
-    "core/source/bytes/object_store.h": "the contract, by local_bytes_test",
     "core/source/chunks/chunked_array.h": "the contract, by stored_array_test",
     "core/source/volume_series.h": "the contract, by every reader's test",
     "core/source/series_entry.h": "plain data",
