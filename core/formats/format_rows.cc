@@ -9,12 +9,14 @@
 //
 // Rows are asked in order. The adapters stand in front of the table, grouped by format.
 
+#include <algorithm>
 #include <cstddef>
 #include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
@@ -375,7 +377,24 @@ Series OpenSlices(const FileRequest& request) {
 
 // ---- Zarr. --------------------------------------------------------------------------------------
 
+// True if a ZIP archive has a store at its top, or in a folder there.
+bool IsZarrArchive(const std::string& file) {
+  const auto archive = io::OpenRandomAccessFile(file);
+  const auto members = archive.ok() ? ReadZipMembers(**archive) : archive.status();
+  return members.ok() && std::any_of(members->begin(), members->end(), [](const ZipMember& member) {
+           const std::vector<absl::string_view> parts = absl::StrSplit(member.name, '/');
+           return parts.size() <= 2 && (parts.back() == "zarr.json" || parts.back() == ".zgroup" ||
+                                        parts.back() == ".zarray" || parts.back() == ".zmetadata");
+         });
+}
+
 MaybeFound FindZarr(const std::string& path) {
+  // Other archives are of DICOM files.
+  PartPath archive;
+  if (SplitPartPath(path, {".zip"}, &archive) && IsZarrArchive(archive.file)) {
+    return FileRequest{
+        .path = path, .file = archive.file, .part = archive.part, .files = {archive.file}};
+  }
   std::optional<ZarrPath> zarr = FindZarrPath(path);
   if (!zarr.has_value()) {
     return std::nullopt;
@@ -432,12 +451,12 @@ const std::vector<Format>& Formats() {
        .open = OpenVtk,
        .find_files = FilesOfVtk},
       {.name = "Zarr",
-       .endings = {".ozx", ".zip"},
-       .more_names = "a folder of Zarr 2 or 3, OME-Zarr: folder[:array]",
+       .endings = {".ozx"},
+       .more_names = "a folder or .zip of Zarr 2 or 3, OME-Zarr: folder[:array]",
        .is_forceable = false,
        .has_field_names = true,
        .axes_for = "arrays of Zarr",
-       .reads_archives = true,
+       .opens_archives = true,
        .opens_parts = true,
        .find = FindZarr,
        .find_in_folder = FindZarrIn,

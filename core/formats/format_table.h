@@ -44,7 +44,6 @@ struct Format {  // NOLINT(clang-analyzer-optin.performance.Padding): members st
   absl::string_view axes_for{};   // what of it takes --axes; "": none, the files say what they mean
   absl::string_view only_axes{};  // the only ones that it takes; "": any
   bool shows_pictures = false;    // its files are pictures, which other programs show
-  bool reads_archives = false;    // its files may be ZIP archives, whose content says no more
   bool opens_archives = false;    // its files are archives, whose faults are its own to explain
   bool opens_parts = false;       // `open` takes the part; else it is one of the fields opened
 

@@ -212,12 +212,6 @@ absl::Status ExplainByContent(const std::string& path, absl::Status status,
       return status;
     }
   }
-  if (content.has_value() && absl::StrContains(*content, "a ZIP archive")) {
-    const auto found = FindByName(file, formats);
-    if (found.ok() && found->has_value() && (*found)->format->reads_archives) {
-      return status;
-    }
-  }
   return content.has_value() && !absl::StrContains(status.message(), *content)
              ? absl::InvalidArgumentError(absl::StrCat(file, ": ", *content))
              : std::move(status);
