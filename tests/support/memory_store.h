@@ -60,8 +60,7 @@ class MemoryBytes final : public source::ByteSource {
 // Thread-safe.
 class MemoryStore final : public source::ObjectStore {
  public:
-  explicit MemoryStore(std::map<std::string, std::string> objects)
-      : objects_(std::move(objects)) {}
+  explicit MemoryStore(std::map<std::string, std::string> objects) : objects_(std::move(objects)) {}
 
   [[nodiscard]] std::vector<absl::StatusOr<std::string>> Read(
       absl::Span<const source::ObjectRead> reads,
@@ -101,8 +100,8 @@ class MemoryStore final : public source::ObjectStore {
     const std::int64_t begin = read.offset < 0 ? all + read.offset : read.offset;
     const std::int64_t size = read.size < 0 ? all - begin : read.size;
     if (begin < 0 || begin > all || size > all - begin) {
-      return absl::OutOfRangeError(absl::StrCat("memory/", read.key, ": no ", size, " bytes at ",
-                                                read.offset, " of ", all));
+      return absl::OutOfRangeError(
+          absl::StrCat("memory/", read.key, ": no ", size, " bytes at ", read.offset, " of ", all));
     }
     if (size > read.max_size) {
       return absl::ResourceExhaustedError(absl::StrCat("memory/", read.key, ": ", size, " bytes"));
