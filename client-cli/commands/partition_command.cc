@@ -110,7 +110,7 @@ struct PartitionFlags {
 // Measured: docs/partitioning.md, "Smaller datasets".
 constexpr char kCompactHelp[] =
     "blocks of few bits a sample: large volumes take 0.2 to 0.8 times the bytes of their samples, "
-    "in place of 1.7; a first frame takes up to a tenth longer";
+    "in place of 1.7; a first frame takes 5 to 12 % longer";
 
 absl::Status GreedySeriesError() {
   return UsageError(

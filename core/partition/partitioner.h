@@ -36,7 +36,8 @@ struct PartitionOptions {
   int shard_count = 1;                      // 1 .. min(kMaxShardCount, number of blocks)
   std::optional<math::Index3> block_cells;  // default: volume::DefaultBlockCells
   store::Distribution distribution = store::Distribution::kRandom;
-  // If not even four layers of blocks fit in the memory, the disk must hold one shard twice.
+  // Blocks that are encoded: if four layers of blocks are more than 1 GiB, or do not fit in the
+  // memory, the disk must hold one shard twice.
   store::BlockEncoding compression = store::BlockEncoding::kRaw;
   std::uint64_t seed = 1;
   std::vector<volume::Label> labels{};  // names and colours of values; volume::ValidateLabels

@@ -23,7 +23,8 @@
 namespace isoscope::partition {
 namespace {
 
-constexpr std::uint32_t kBlocksBetweenChecks = 1 << 16;
+// Blocks may be copied meanwhile, 14 MB of 16-bit samples in blocks of 16^3 cells.
+constexpr std::uint32_t kBlocksBetweenChecks = 1 << 10;
 // Smaller writes past the page cache take longer than copies into it.
 constexpr std::int64_t kMinDirectBytes = 256 * base::kKiB;
 
@@ -234,8 +235,11 @@ absl::StatusOr<store::ShardPiece> ShardSet::FinishPiece(std::size_t shard,
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<io::WritableFile> spans,
       io::CreateWritableFile(absl::StrCat(directories_[shard], "/", store::kSpansFileName)));
-  for (; !entries_.is_at_end() && entries_.current().shard == shard;) {
+  for (std::uint32_t i = 0; !entries_.is_at_end() && entries_.current().shard == shard; ++i) {
     const Entry& entry = entries_.current();
+    if (i % kBlocksBetweenChecks == 0) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    }
     ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(IndexEntryOf(entry)));
     std::array<char, store::kSpanBytes> span{};
     base::StoreLittleEndian(entry.span.min, span.data());

@@ -80,23 +80,29 @@ struct Rows {
   }
 };
 
+template <typename T>
+void Subtract(std::size_t count, const T* subtrahends, T* values) {
+  for (std::size_t i = 0; i < count; ++i) {
+    values[i] = static_cast<T>(values[i] - subtrahends[i]);
+  }
+}
+
 // Zigzag differences of all samples; zeros fill the last group.
 template <typename T>
 std::vector<T> Differences(const Rows& rows, absl::string_view samples) {
-  std::vector<T> values(rows.count());
-  std::memcpy(values.data(), samples.data(), samples.size());
-  std::vector<T> of_planes = values;
-  for (std::size_t at = rows.plane(); at < rows.count(); ++at) {
-    of_planes[at] = static_cast<T>(values[at] - values[at - rows.plane()]);
-  }
   std::vector<T> differences(rows.group_count() * kGroupSamples, T{0});
-  for (std::size_t plane = 0; plane < rows.count(); plane += rows.plane()) {
-    for (std::size_t at = plane; at < plane + rows.x; ++at) {
-      differences[at] = Zigzag(of_planes[at]);
+  std::memcpy(differences.data(), samples.data(), samples.size());
+  // From the last plane and row to the first: what is subtracted is not changed yet.
+  for (std::size_t plane = rows.count() - rows.plane(); plane > 0; plane -= rows.plane()) {
+    Subtract(rows.plane(), differences.data() + plane - rows.plane(), differences.data() + plane);
+  }
+  for (std::size_t row = rows.count() - rows.x; row > 0; row -= rows.x) {
+    if (row % rows.plane() != 0) {
+      Subtract(rows.x, differences.data() + row - rows.x, differences.data() + row);
     }
-    for (std::size_t at = plane + rows.x; at < plane + rows.plane(); ++at) {
-      differences[at] = Zigzag(static_cast<T>(of_planes[at] - of_planes[at - rows.x]));
-    }
+  }
+  for (std::size_t i = 0; i < rows.count(); ++i) {
+    differences[i] = Zigzag(differences[i]);
   }
   return differences;
 }

@@ -30,7 +30,7 @@ constexpr std::int64_t kRunBytes = 8 * base::kMiB;
 constexpr std::int64_t kRunBlocks = 16384;
 constexpr std::size_t kDirectBytes = std::size_t{1} << 20;  // of a write past the page cache
 
-absl::StatusOr<std::uint32_t> Crc32cOfPiece(const std::string& path) {
+absl::StatusOr<std::uint32_t> Crc32cOfFile(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(path));
   std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
   std::uint32_t crc32c = 0;
@@ -107,7 +107,7 @@ class Joiner {
     ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
     ISOSCOPE_RETURN_IF_ERROR(index_file_->Close());
     ISOSCOPE_ASSIGN_OR_RETURN(summary_.block_index_crc32c,
-                              Crc32cOfPiece(absl::StrCat(directory_, "/", kBlockIndexFileName)));
+                              Crc32cOfFile(absl::StrCat(directory_, "/", kBlockIndexFileName)));
     return summary_;
   }
 
@@ -129,7 +129,7 @@ class Joiner {
   }
 
   static absl::Status CheckCrc32c(const io::RandomAccessFile& file, std::uint32_t expected) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t crc32c, Crc32cOfPiece(file.path()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t crc32c, Crc32cOfFile(file.path()));
     return crc32c == expected ? absl::OkStatus() : Damaged(file);
   }
 
