@@ -18,24 +18,11 @@ import unittest
 import urllib.parse
 
 import browser_test as base
-from browser_test import skips
+from browser_test import size_of, skips
 
 if base.webdriver is not None:
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
-
-
-@contextlib.contextmanager
-def size_of(browser, width, height, scale=1, is_touch=False):
-    """A window of this size in CSS pixels, with so many device pixels for each."""
-    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride',
-                            {'width': width, 'height': height, 'deviceScaleFactor': scale, 'mobile': is_touch})
-    browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': is_touch, **({'maxTouchPoints': 2} if is_touch else {})})
-    try:
-        yield
-    finally:
-        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
-        browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': False})
 
 
 class DoorTest(base.PageTest):

@@ -6,6 +6,7 @@
 Ends with 77 (skipped) where node, chromium, chromedriver or selenium is missing.
 """
 import base64
+import contextlib
 import html
 import http.server
 import json
@@ -46,6 +47,19 @@ PATIENCE_S = 180  # a limit for waiting, far above what is needed; more than a m
 def missing():
     names = [name for name in ('node', 'chromium', 'chromedriver') if shutil.which(name) is None]
     return names + (['python3-selenium'] if webdriver is None else [])
+
+
+@contextlib.contextmanager
+def size_of(browser, width, height, scale=1, is_touch=False):
+    """A window of this size in CSS pixels, with so many device pixels for each."""
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride',
+                            {'width': width, 'height': height, 'deviceScaleFactor': scale, 'mobile': is_touch})
+    browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': is_touch, **({'maxTouchPoints': 2} if is_touch else {})})
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+        browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': False})
 
 
 def decode_png(data):
@@ -1550,21 +1564,24 @@ class RealRefiningTest(RealPageTest):
                 self.assertEqual((0, ''), (stats['bitmapsOpen'], stats['notice']))
 
     def test_a_move_ends_the_tiles_of_the_view_before(self):
-        self.show()
-        self.look(30000, 'isoscope.view.isExact && isoscope.view.state.samples')
-        # The tiles that are not acknowledged hold back all but three that follow.
-        self.js('''const { connection, picture } = isoscope.view.loop; const acknowledge = connection.acknowledge.bind(connection); window.held = [];
-            connection.acknowledge = (message) => message.header.tile && !window.isFree ? held.push(message) : acknowledge(message);
-            window.release = () => { window.isFree = true; held.forEach(acknowledge); };''')
-        self.look(34000, 'isoscope.view.progress?.done > 0')
-        self.assertFalse(self.js('return isoscope.view.isExact'))
-        exact = self.js('return isoscope.view.stats().exactShown')
-        self.drag(60, 20)
-        self.js('release()')
-        self.until('isoscope.view.isExact')
-        self.assertEqual(exact + 1, self.js('return isoscope.view.stats().exactShown'), 'the view before was drawn to its end')
-        self.assert_exact()
-        self.assertEqual((0, ''), tuple(self.js('const { bitmapsOpen, notice } = isoscope.view.stats(); return [bitmapsOpen, notice]')))
+        # Large enough for six tiles of the largest side: fewer would all come before the move.
+        with size_of(self.browser, 1500, 1000):
+            self.show()
+            self.look(30000, 'isoscope.view.isExact && isoscope.view.state.samples')
+            # The tiles that are not acknowledged hold back all but three that follow.
+            self.js('''const { connection, picture } = isoscope.view.loop; const acknowledge = connection.acknowledge.bind(connection); window.held = [];
+                connection.acknowledge = (message) => message.header.tile && !window.isFree ? held.push(message) : acknowledge(message);
+                window.release = () => { window.isFree = true; held.forEach(acknowledge); };''')
+            self.look(34000, 'isoscope.view.progress?.done > 0')
+            self.assertGreater(self.js('return isoscope.view.progress.count'), 4)
+            self.assertFalse(self.js('return isoscope.view.isExact'))
+            exact = self.js('return isoscope.view.stats().exactShown')
+            self.drag(60, 20)
+            self.js('release()')
+            self.until('isoscope.view.isExact')
+            self.assertEqual(exact + 1, self.js('return isoscope.view.stats().exactShown'), 'the view before was drawn to its end')
+            self.assert_exact()
+            self.assertEqual((0, ''), tuple(self.js('const { bitmapsOpen, notice } = isoscope.view.stats(); return [bitmapsOpen, notice]')))
 
     def test_over_a_limit_the_level_is_shown_with_the_cost_and_the_button_draws_the_exact_picture(self):
         self.show('&max-side=420')
