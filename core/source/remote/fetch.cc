@@ -59,6 +59,12 @@ bool IsRedirect(int status) {
 
 bool IsWeak(absl::string_view etag) { return absl::StartsWith(etag, "W/"); }
 
+// An ETag for people: "abc" of "\"abc\"".
+std::string EtagText(absl::string_view etag) {
+  const bool has_marks = etag.size() >= 2 && etag.front() == '"' && etag.back() == '"';
+  return base::Quoted(has_marks ? etag.substr(1, etag.size() - 2) : etag);
+}
+
 // The text of <Code> in an error of S3: a word, or nothing.
 std::string XmlWord(absl::string_view xml, absl::string_view element) {
   const std::string begin = absl::StrCat("<", element, ">");
@@ -191,8 +197,8 @@ class Fetching : public TransferSink {
         break;
       case FetchJob::Kind::kExact:
       case FetchJob::Kind::kWithin:
-        if (job_->kind == FetchJob::Kind::kWithin && job_->last == 0) {
-          break;  // the first byte, which opens the object
+        if (job_->kind == FetchJob::Kind::kWithin && job_->first == 0 && job_->last == 1) {
+          break;  // the first bytes, which open the object
         }
         absl::StrAppend(&name, ": bytes from ", job_->first);
         if (job_->last >= 0) {
@@ -311,8 +317,8 @@ class Fetching : public TransferSink {
       return Changed(absl::StrCat("it had ", expected.size, " bytes, and has ", seen.size));
     }
     if (!expected.etag.empty() && !seen.etag.empty() && expected.etag != seen.etag) {
-      return Changed(absl::StrCat("its ETag was ", base::Quoted(expected.etag, '\''), ", and is ",
-                                  base::Quoted(seen.etag, '\'')));
+      return Changed(
+          absl::StrCat("its ETag was ", EtagText(expected.etag), ", and is ", EtagText(seen.etag)));
     }
     if (expected.etag.empty() && !expected.last_modified.empty() && !seen.last_modified.empty() &&
         expected.last_modified != seen.last_modified) {

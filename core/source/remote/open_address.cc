@@ -83,12 +83,13 @@ class RemoteObject : public ByteSource {
   static absl::StatusOr<std::unique_ptr<RemoteObject>> Open(
       const std::shared_ptr<RemoteClient>& client, const Address& address,
       const base::Cancellation& cancellation) {
-    StringSink first_byte(1);
+    // Two bytes: to bytes=0-0 some servers of S3 send all, as if it had no end.
+    StringSink first_bytes(2);
     FetchJob job{.address = address,
                  .kind = FetchJob::Kind::kWithin,
                  .first = 0,
-                 .last = 0,
-                 .sink = &first_byte};
+                 .last = 1,
+                 .sink = &first_bytes};
     ISOSCOPE_RETURN_IF_ERROR(
         Fetch(client.get(), absl::MakeSpan(&job, 1), /*stops_at_error=*/true, cancellation));
     if (job.version.size < 0) {

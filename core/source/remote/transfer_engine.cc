@@ -427,9 +427,13 @@ class TransferEngine::Loop {
                                   .status = absl::UnavailableError("the server sent no answer")};
     }
     const absl::string_view detail(transfer->error_text.data());
-    std::string text = absl::StrCat(
-        curl_easy_strerror(code),
-        detail.empty() ? "" : absl::StrCat(": ", base::Escaped(base::CutText(detail))));
+    // Schemes are checked before: what curl does not know is the answer.
+    std::string text =
+        code == CURLE_UNSUPPORTED_PROTOCOL
+            ? "the server's answer is no HTTP"
+            : absl::StrCat(
+                  curl_easy_strerror(code),
+                  detail.empty() ? "" : absl::StrCat(": ", base::Escaped(base::CutText(detail))));
     if (IsFinal(code)) {
       const bool is_certificate =
           code == CURLE_PEER_FAILED_VERIFICATION || code == CURLE_SSL_CACERT_BADFILE;

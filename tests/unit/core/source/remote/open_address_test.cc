@@ -77,7 +77,7 @@ TEST_F(OpenAddressTest, ReadsRangesWithTheirBytes) {
   EXPECT_EQ(source->name(), server.origin() + "/a/b.nrrd");
   EXPECT_EQ(source->version(), "\"v1\"");
   EXPECT_EQ(server.request_count(), 1);
-  EXPECT_EQ(server.requests()[0].Header("range"), "bytes=0-0");
+  EXPECT_EQ(server.requests()[0].Header("range"), "bytes=0-1");
   EXPECT_EQ(server.requests()[0].Header("accept-encoding"), "identity");
 
   std::string out(3300, '\0');
@@ -134,6 +134,24 @@ TEST_F(OpenAddressTest, EmptyObjectsHaveNoBytes) {
   EXPECT_EQ(server.request_count(), 1);
   const ScriptedServer whole(Says(Answer(200, "", "")));
   EXPECT_EQ(*ReadAddress(whole.origin() + "/a", QuickOptions()), "");
+}
+
+TEST_F(OpenAddressTest, ObjectsOfOneByteAreRead) {
+  object_.bytes = "x";
+  const ScriptedServer server(Always());
+  EXPECT_EQ(*ReadAddress(server.origin() + "/a", QuickOptions()), "x");
+}
+
+// As a server of S3 for tests does: it takes an end of 0 for none.
+TEST_F(OpenAddressTest, ServersThatTakeAnEndOfZeroForNoneAreRead) {
+  const ScriptedServer server([this](const ServedRequest& request, ServedConnection* connection) {
+    ServedRequest asked = request;
+    for (auto& [name, value] : asked.headers) {
+      value = value == "bytes=0-0" ? "bytes=0-" : value;
+    }
+    ServeObject(object_, asked, connection);
+  });
+  EXPECT_EQ(*ReadAddress(server.origin() + "/a", QuickOptions()), object_.bytes);
 }
 
 TEST_F(OpenAddressTest, RetriesWhatMayWorkLater) {
