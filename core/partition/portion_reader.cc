@@ -111,14 +111,20 @@ absl::Status PortionReader::ForEachPortion(
   return absl::OkStatus();
 }
 
+std::int64_t PortionReader::PlanesFrom(std::int64_t z) const {
+  const std::int64_t at_once = source_.info().planes_at_once;
+  return at_once - z % at_once;
+}
+
 absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
   const std::int64_t rows = layout_.sample_dims().y;
   const std::int64_t step = std::max<std::int64_t>(kReadBytes / (row_bytes_ * rows), 1);
-  for (std::int64_t z = begin; z < end; z += step) {
+  for (std::int64_t z = begin; z < end;) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    const std::int64_t count = std::min(step, end - z);
+    const std::int64_t count = std::min(std::max(step, PlanesFrom(z)), end - z);
     ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows, (z + count) * rows, out));
     out += count * rows * row_bytes_;
+    z += count;
   }
   return absl::OkStatus();
 }
@@ -130,14 +136,16 @@ absl::Status PortionReader::ReadBand(const math::IndexBox& box, char* out) {
   if (is_staged) {
     ISOSCOPE_RETURN_IF_ERROR(StageUpTo(box.end.z));
   }
-  for (std::int64_t z = box.begin.z; z < box.end.z; ++z, out += band_bytes) {
+  std::int64_t count = 1;
+  for (std::int64_t z = box.begin.z; z < box.end.z; z += count, out += count * band_bytes) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     if (is_staged) {
       ISOSCOPE_RETURN_IF_ERROR(
           scratch_->ReadAt((z % ring_planes_ * rows + box.begin.y) * row_bytes_,
                            static_cast<std::size_t>(band_bytes), out));
     } else {
-      ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows + box.begin.y, z * rows + box.end.y, out));
+      count = std::min(PlanesFrom(z), box.end.z - z);
+      ISOSCOPE_RETURN_IF_ERROR(source_.ReadBand(z, z + count, box.begin.y, box.end.y, out));
     }
   }
   return absl::OkStatus();

@@ -49,6 +49,8 @@ class PortionReader {
                               absl::FunctionRef<void(double)> report);
 
  private:
+  // The planes that are best read together with `z`, from it on.
+  [[nodiscard]] std::int64_t PlanesFrom(std::int64_t z) const;
   absl::Status ReadPlanes(std::int64_t begin, std::int64_t end, char* out);
   absl::Status ReadBand(const math::IndexBox& box, char* out);
   absl::Status StageUpTo(std::int64_t end_plane);

@@ -31,6 +31,9 @@ struct SourceInfo {
   bool is_resampled = false;
   bool is_seekable = true;        // rows in any order cost no more than in ascending order
   std::int64_t memory_bytes = 0;  // while it is read, for the memory limit
+  // Planes [k * n, (k + 1) * n) cost no more together than one of them alone: those of a layer of
+  // chunks. 1: each plane costs the same.
+  std::int64_t planes_at_once = 1;
 
   [[nodiscard]] std::int64_t row_bytes() const {
     return geometry.sample_dims.x * static_cast<std::int64_t>(volume::SizeOf(type));
@@ -54,6 +57,21 @@ class VolumeSource {
   // damaged or can't be decoded.
   // REQUIRES: 0 <= begin_row < end_row <= ny * nz.
   virtual absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) = 0;
+
+  // Reads rows [begin_y, end_y) of planes [begin_z, end_z), as [z][y][x]: what ReadRows reads plane
+  // after plane, unless a source can do better. Errors and requirements as of ReadRows.
+  virtual absl::Status ReadBand(std::int64_t begin_z, std::int64_t end_z, std::int64_t begin_y,
+                                std::int64_t end_y, char* out) {
+    const std::int64_t rows = info_.geometry.sample_dims.y;
+    for (std::int64_t z = begin_z; z < end_z; ++z) {
+      absl::Status status = ReadRows(z * rows + begin_y, z * rows + end_y, out);
+      if (!status.ok()) {
+        return status;
+      }
+      out += (end_y - begin_y) * info_.row_bytes();
+    }
+    return absl::OkStatus();
+  }
 
   // Reads planes [begin_z, end_z).
   absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) {

@@ -45,6 +45,11 @@ class ZarrSource final : public VolumeSource {
         packing_(std::move(packing)),
         cache_(part_.space[0], cache_bytes) {}
 
+  absl::Status ReadBand(std::int64_t begin_z, std::int64_t end_z, std::int64_t begin_y,
+                        std::int64_t end_y, char* out) override {
+    return ReadPlanes(begin_z, end_z - begin_z, begin_y, end_y - begin_y, out);
+  }
+
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
@@ -108,6 +113,9 @@ std::unique_ptr<VolumeSource> MakeZarrSource(SourceInfo info,
   const std::int64_t cache_bytes = LayerBytesOf(array->info(), part);
   info.type = is_plain ? type.stored : UnpackedType(array->info().type);
   info.memory_bytes = array->info().memory_bytes + cache_bytes;
+  if (cache_bytes == kMaxZarrCacheBytes) {  // a layer of chunks may not fit
+    info.planes_at_once = array->info().chunk_dims[part.space[0]];
+  }
   auto source = std::make_unique<ZarrSource>(std::move(info), std::move(array), std::move(part),
                                              std::move(packing), cache_bytes);
   if (is_plain && type.wide.has_value()) {
