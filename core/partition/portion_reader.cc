@@ -37,6 +37,7 @@ PortionReader::PortionReader(source::VolumeSource* source, const volume::BlockLa
       plan_(plan),
       directory_(std::move(directory)),
       cancellation_(*cancellation),
+      reads_(source, *cancellation),
       row_bytes_(source->info().row_bytes()) {}
 
 std::int64_t PortionReader::StagingBytes(const source::VolumeSource& source) {
@@ -111,9 +112,9 @@ absl::Status PortionReader::ForEachPortion(
   return absl::OkStatus();
 }
 
-std::int64_t PortionReader::PlanesFrom(std::int64_t z) const {
+std::int64_t PortionReader::LayerEnd(std::int64_t z) const {
   const std::int64_t at_once = source_.info().planes_at_once;
-  return at_once - z % at_once;
+  return (z / at_once + 1) * at_once;
 }
 
 absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
@@ -121,10 +122,10 @@ absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, cha
   const std::int64_t step = std::max<std::int64_t>(kReadBytes / (row_bytes_ * rows), 1);
   for (std::int64_t z = begin; z < end;) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    const std::int64_t count = std::min(std::max(step, PlanesFrom(z)), end - z);
-    ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows, (z + count) * rows, out));
-    out += count * rows * row_bytes_;
-    z += count;
+    const std::int64_t next = std::min(LayerEnd(z + step - 1), end);
+    ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows, next * rows, out));
+    out += (next - z) * rows * row_bytes_;
+    z = next;
   }
   return absl::OkStatus();
 }
@@ -144,7 +145,7 @@ absl::Status PortionReader::ReadBand(const math::IndexBox& box, char* out) {
           scratch_->ReadAt((z % ring_planes_ * rows + box.begin.y) * row_bytes_,
                            static_cast<std::size_t>(band_bytes), out));
     } else {
-      count = std::min(PlanesFrom(z), box.end.z - z);
+      count = std::min(LayerEnd(z), box.end.z) - z;
       ISOSCOPE_RETURN_IF_ERROR(source_.ReadBand(z, z + count, box.begin.y, box.end.y, out));
     }
   }

@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 
+#include "core/base/cancellation.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
@@ -73,6 +74,11 @@ class VolumeSource {
     return absl::OkStatus();
   }
 
+  // From now on a read that may take long, as at an address, ends soon after that cancellation with
+  // its error. Null: no more. A source that is made of others hands it on to them. The cancellation
+  // must live until another one takes its place (CancellableReads).
+  virtual void HeedCancellation(const base::Cancellation* /*cancellation*/) {}
+
   // Reads planes [begin_z, end_z).
   absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) {
     const std::int64_t rows = info_.geometry.sample_dims.y;
@@ -84,6 +90,21 @@ class VolumeSource {
 
  private:
   SourceInfo info_;
+};
+
+// While it lives, reads of a source heed a cancellation. Both must outlive it.
+class CancellableReads {
+ public:
+  CancellableReads(VolumeSource* source, const base::Cancellation& cancellation)
+      : source_(*source) {
+    source_.HeedCancellation(&cancellation);
+  }
+  ~CancellableReads() { source_.HeedCancellation(nullptr); }
+  CancellableReads(const CancellableReads&) = delete;
+  CancellableReads& operator=(const CancellableReads&) = delete;
+
+ private:
+  VolumeSource& source_;
 };
 
 }  // namespace isoscope::source
