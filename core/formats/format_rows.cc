@@ -428,6 +428,18 @@ Series OpenZarr(const FileRequest& request) {
   return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
 }
 
+absl::StatusOr<std::vector<volume::Label>> ReadZarrLabels(const std::string& path) {
+  const MaybeFound found = FindZarr(path);
+  if (!found.ok() || !found->has_value()) {
+    return std::vector<volume::Label>();
+  }
+  const auto store = OpenLocalZarr((*found)->file);
+  auto labels = store.ok() ? ZarrLabelsOf(store->get(), (*found)->part) : store.status();
+  // Whoever reads its samples says why it can't be opened.
+  return absl::IsInvalidArgument(labels.status()) || labels.ok() ? std::move(labels)
+                                                                 : std::vector<volume::Label>();
+}
+
 }  // namespace
 
 // HDF5 stands first: its mark goes before the names of all formats that are not written as HDF5.
@@ -463,7 +475,8 @@ const std::vector<Format>& Formats() {
        .in_folder = "a Zarr store",
        .open = OpenZarr,
        .find_files =
-           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); }},
+           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); },
+       .read_labels = ReadZarrLabels},
       {.name = "NIfTI",
        .more_names = ".nii .nii.gz .hdr .hdr.gz .img .img.gz",
        .find = FindByName<HasNiftiName>,

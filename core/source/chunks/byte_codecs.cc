@@ -60,9 +60,8 @@ absl::Status InflateChunk(absl::string_view in, std::size_t max_size, std::strin
   while (true) {
     const int result = inflate(&z, Z_FINISH);
     if (result != Z_STREAM_END) {
-      return z.avail_out == 0
-                 ? absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"))
-                 : DamagedStream(z.msg == nullptr ? "the stream has no end" : z.msg);
+      return z.avail_out == 0 ? absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"))
+                              : DamagedStream(z.msg == nullptr ? "the stream has no end" : z.msg);
     }
     if (z.avail_in == 0) {
       break;
@@ -128,9 +127,8 @@ absl::Status DecodeLzma(absl::string_view in, std::size_t max_size, std::string*
     return absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"));
   }
   if (result == LZMA_MEMLIMIT_ERROR) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "its dictionary takes %d bytes; expected at most %d", lzma_memusage(&stream),
-        kMaxDictionary));
+    return absl::DataLossError(absl::StrFormat("its dictionary takes %d bytes; expected at most %d",
+                                               lzma_memusage(&stream), kMaxDictionary));
   }
   if (result != LZMA_STREAM_END || stream.avail_in != 0) {
     return DamagedStream(absl::StrCat("liblzma's error ", static_cast<int>(result)));
@@ -153,8 +151,8 @@ absl::Status DecodeLz4(absl::string_view in, std::size_t max_size, std::string* 
   }
   const absl::string_view block = in.substr(sizeof(size));
   out->resize(size);
-  const int decoded = LZ4_decompress_safe(block.data(), out->data(),
-                                          static_cast<int>(block.size()), static_cast<int>(size));
+  const int decoded = LZ4_decompress_safe(block.data(), out->data(), static_cast<int>(block.size()),
+                                          static_cast<int>(size));
   return decoded == static_cast<int>(size) ? absl::OkStatus()
                                            : DamagedStream("the block can't be decoded");
 }
@@ -178,10 +176,10 @@ absl::Status DecodeBlosc(absl::string_view in, std::size_t max_size, std::string
   const int decoded = blosc_decompress_ctx(in.data(), out->data(), out->size(), 1);
   if (decoded != static_cast<int>(size)) {
     const char* const library = blosc_cbuffer_complib(in.data());
-    return DamagedStream(absl::StrFormat(
-        "blosc's error %d with %s (it has %s)", decoded,
-        library == nullptr ? "a compressor that it does not know" : library,
-        blosc_list_compressors()));
+    return DamagedStream(
+        absl::StrFormat("blosc's error %d with %s (it has %s)", decoded,
+                        library == nullptr ? "a compressor that it does not know" : library,
+                        blosc_list_compressors()));
   }
   return absl::OkStatus();
 }
@@ -208,10 +206,10 @@ class CompressorCodec final : public ChunkCodec {
 };
 
 absl::Status CheckAreBytes(const ChunkData& data) {
-  return data.is_array
-             ? absl::InvalidArgumentError(
-                   "encodes bytes, and no codec in front of it makes some; expected \"bytes\" there")
-             : absl::OkStatus();
+  return data.is_array ? absl::InvalidArgumentError(
+                             "encodes bytes, and no codec in front of it makes some; expected "
+                             "\"bytes\" there")
+                       : absl::OkStatus();
 }
 
 template <CompressorCodec::DecodeFunction decode>
@@ -326,8 +324,8 @@ class ShuffleCodec final : public ChunkCodec {
   explicit ShuffleCodec(std::size_t element_size) : element_size_(element_size) {}
   [[nodiscard]] Bytes Decode(std::string encoded) const override {
     if (encoded.size() % element_size_ != 0) {
-      return absl::DataLossError(absl::StrFormat("%d bytes are no elements of %d", encoded.size(),
-                                                 element_size_));
+      return absl::DataLossError(
+          absl::StrFormat("%d bytes are no elements of %d", encoded.size(), element_size_));
     }
     const std::size_t count = encoded.size() / element_size_;
     std::string out(encoded.size(), '\0');
