@@ -377,17 +377,6 @@ Series OpenSlices(const FileRequest& request) {
 
 // ---- Zarr. --------------------------------------------------------------------------------------
 
-// True if a ZIP archive has a store at its top, or in a folder there.
-bool IsZarrArchive(const std::string& file) {
-  const auto archive = io::OpenRandomAccessFile(file);
-  const auto members = archive.ok() ? ReadZipMembers(**archive) : archive.status();
-  return members.ok() && std::any_of(members->begin(), members->end(), [](const ZipMember& member) {
-           const std::vector<absl::string_view> parts = absl::StrSplit(member.name, '/');
-           return parts.size() <= 2 && (parts.back() == "zarr.json" || parts.back() == ".zgroup" ||
-                                        parts.back() == ".zarray" || parts.back() == ".zmetadata");
-         });
-}
-
 MaybeFound FindZarr(const std::string& path) {
   // Other archives are of DICOM files.
   PartPath archive;

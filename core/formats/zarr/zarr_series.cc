@@ -144,6 +144,14 @@ absl::Status AddFilesBelow(const std::string& folder, std::vector<std::string>* 
   return error ? io::ErrnoToStatus(error.value(), "list", folder) : absl::OkStatus();
 }
 
+// Returns true if a folder of an archive has the metadata of a node.
+bool HasZarrRoot(const ZipStore& store, const std::string& folder) {
+  const std::vector<std::string> names = store.NamesBelow(folder);
+  return std::any_of(std::begin(kZarrFiles), std::end(kZarrFiles) - 1, [&](const char* name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  });
+}
+
 // The files of a store's folder that decide samples and positions of its volumes.
 struct ZarrFiles {
   std::vector<std::string> of_all{};  // whatever the step
@@ -322,6 +330,18 @@ std::optional<ZarrPath> FindZarrPath(const std::string& path) {
   return found;
 }
 
+bool IsZarrArchive(const std::string& file) {
+  const auto bytes = OpenFileBytes(file);
+  const auto zip = bytes.ok() ? OpenZipStore(*std::move(bytes)) : bytes.status();
+  if (!zip.ok()) {
+    return false;
+  }
+  const std::vector<std::string> top = (*zip)->NamesBelow("");
+  return HasZarrRoot(**zip, "") ||
+         std::any_of(top.begin(), top.end(),
+                     [&](const std::string& name) { return HasZarrRoot(**zip, name); });
+}
+
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file) {
   if (!io::IsDirectory(file)) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ByteSource> bytes, OpenFileBytes(file));
@@ -335,15 +355,9 @@ absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file
 
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZippedZarr(std::shared_ptr<const ByteSource> bytes) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ZipStore> zip, OpenZipStore(bytes));
-  const auto has_root = [](const ZipStore& store, const std::string& folder) {
-    const std::vector<std::string> names = store.NamesBelow(folder);
-    return std::any_of(std::begin(kZarrFiles), std::end(kZarrFiles) - 1, [&](const char* name) {
-      return std::find(names.begin(), names.end(), name) != names.end();
-    });
-  };
-  if (!has_root(*zip, "")) {
+  if (!HasZarrRoot(*zip, "")) {
     const std::vector<std::string> top = zip->NamesBelow("");
-    const bool is_folder = top.size() == 1 && has_root(*zip, top[0]);
+    const bool is_folder = top.size() == 1 && HasZarrRoot(*zip, top[0]);
     if (!is_folder) {
       return absl::InvalidArgumentError(
           absl::StrCat(bytes->name(),

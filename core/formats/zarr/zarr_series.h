@@ -31,6 +31,10 @@ bool IsZarrFolder(const std::string& folder);
 // "run.zarr". Not set: none of these.
 std::optional<ZarrPath> FindZarrPath(const std::string& path);
 
+// Returns true if a ZIP archive has the metadata of a group or an array at its top, or in a folder
+// there.
+bool IsZarrArchive(const std::string& file);
+
 // Opens a store on the local disk, a folder or a ZIP archive. Errors as ZarrStore::Open.
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file);
 // A ZIP archive whose top, or whose only folder there, is a store. INVALID_ARGUMENT: it is none.

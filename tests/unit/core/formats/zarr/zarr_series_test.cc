@@ -197,6 +197,7 @@ TEST(ZarrSeriesTest, OpensArchives) {
         zip.Add(folder + key, bytes, is_deflated);
       }
       const std::string path = dir.Write("scan.ozx", zip.Finish());
+      EXPECT_TRUE(IsZarrArchive(path));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto store, OpenLocalZarr(path));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenZarrSeries(std::move(store), "GFP", ""));
       EXPECT_EQ(series->info().name, path);
@@ -211,7 +212,10 @@ TEST(ZarrSeriesTest, OpensArchives) {
   other.Add("readme.txt", "hello", false);
   EXPECT_THAT(OpenLocalZarr(dir.Write("other.zip", other.Finish())),
               StatusIs(kInvalid, HasSubstr("without a Zarr store")));
+  EXPECT_FALSE(IsZarrArchive(dir.Sub("other.zip")));
   EXPECT_THAT(OpenLocalZarr(dir.Write("bad.zip", "PK")), StatusIs(kInvalid));
+  EXPECT_FALSE(IsZarrArchive(dir.Sub("bad.zip")));
+  EXPECT_FALSE(IsZarrArchive(dir.Sub("none.zip")));
 }
 
 }  // namespace
