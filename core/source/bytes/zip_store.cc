@@ -31,6 +31,8 @@ constexpr std::size_t kZipLocalBytes = 30;
 // A store has a member for each chunk.
 constexpr ZipLimits kStoreLimits{
     .directory_bytes = base::kGiB, .members = 20'000'000, .takes_last_of_a_name = true};
+// A deflated member of which a part is read, as a shard, is inflated as a whole.
+constexpr std::int64_t kMaxPartlyRead = 256 * base::kMiB;
 constexpr int kStored = 0;
 constexpr int kDeflated = 8;
 
@@ -128,6 +130,9 @@ class ZipMembers final : public ZipStore {
         members[i] = nullptr;
         continue;
       }
+      if (IsAsBefore(members, i)) {
+        continue;  // it was inflated already
+      }
       const bool is_stored = members[i]->method == kStored;
       parts[i] = std::string(
           static_cast<std::size_t>(is_stored ? ranges[i].size : members[i]->stored_bytes), '\0');
@@ -137,10 +142,25 @@ class ZipMembers final : public ZipStore {
     }
     status = bytes_->ReadRanges(wanted, cancellation);
     // 3. What they hold.
+    absl::StatusOr<std::string> whole = absl::UnknownError("");  // the last deflated member
     for (std::size_t i = 0; i < reads.size(); ++i) {
-      if (members[i] != nullptr) {
-        parts[i] = status.ok() ? PartOf(*members[i], ranges[i], reads[i].key, *std::move(parts[i]))
-                               : absl::StatusOr<std::string>(status);
+      if (members[i] == nullptr) {
+        continue;
+      }
+      const ZipMember& member = *members[i];
+      if (!status.ok()) {
+        parts[i] = status;
+      } else if (member.method == kStored) {
+        parts[i] = Checked(member, reads[i].key, *std::move(parts[i]));
+      } else {
+        if (!IsAsBefore(members, i)) {
+          whole = Inflate(member, reads[i].key, *parts[i]);
+          whole = whole.ok() ? Checked(member, reads[i].key, *std::move(whole)) : std::move(whole);
+        }
+        parts[i] = whole.ok() ? absl::StatusOr<std::string>(
+                                    whole->substr(static_cast<std::size_t>(ranges[i].begin),
+                                                  static_cast<std::size_t>(ranges[i].size)))
+                              : whole.status();
       }
     }
     return parts;
@@ -183,13 +203,16 @@ class ZipMembers final : public ZipStore {
                                                    NameOf(read.key), read.size, read.offset,
                                                    member.size_bytes));
     }
-    // A deflated member is in memory as a whole, packed and inflated.
+    // A deflated member is in memory as a whole, packed and inflated, whatever part is asked for.
+    const bool is_part = member.method == kDeflated && read.size >= 0;
     const std::int64_t least = member.method == kStored ? range->size : member.size_bytes;
-    if (least > read.max_size ||
+    const std::int64_t most = is_part ? std::max(read.max_size, kMaxPartlyRead) : read.max_size;
+    if (range->size > read.max_size || least > most ||
         (member.method != kStored && member.stored_bytes > MostDeflated(member.size_bytes))) {
       return absl::ResourceExhaustedError(
-          absl::StrFormat("%s: %d bytes (%d packed); expected at most %d", NameOf(read.key), least,
-                          member.stored_bytes, read.max_size));
+          absl::StrFormat("%s: %d bytes (%d packed); expected at most %d%s", NameOf(read.key),
+                          least, member.stored_bytes, most,
+                          is_part ? ": write the archive again without packing (zip -0)" : ""));
     }
     return &member;
   }
@@ -214,21 +237,22 @@ class ZipMembers final : public ZipStore {
     return data;
   }
 
-  [[nodiscard]] absl::StatusOr<std::string> PartOf(const ZipMember& member, const ZipRange& range,
-                                                   const std::string& key,
-                                                   std::string packed) const {
-    if (member.method == kDeflated) {
-      ISOSCOPE_ASSIGN_OR_RETURN(packed, Inflate(member, key, packed));
-    }
-    const bool is_whole = static_cast<std::int64_t>(packed.size()) == member.size_bytes;
+  // True if a read is of the same deflated member as the read before it.
+  [[nodiscard]] static bool IsAsBefore(const std::vector<const ZipMember*>& members,
+                                       std::size_t i) {
+    return i > 0 && members[i] == members[i - 1] && members[i]->method == kDeflated;
+  }
+
+  // The checksum is that of all bytes: parts have none.
+  [[nodiscard]] absl::StatusOr<std::string> Checked(const ZipMember& member, const std::string& key,
+                                                    std::string bytes) const {
+    const bool is_whole = static_cast<std::int64_t>(bytes.size()) == member.size_bytes;
     if (is_whole &&
-        crc32_z(0, reinterpret_cast<const Bytef*>(packed.data()), packed.size()) != member.crc32) {
+        crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()) != member.crc32) {
       return absl::DataLossError(
           absl::StrCat(NameOf(key), ": its checksum is wrong: the archive is damaged"));
     }
-    return member.method == kStored ? std::move(packed)
-                                    : packed.substr(static_cast<std::size_t>(range.begin),
-                                                    static_cast<std::size_t>(range.size));
+    return bytes;
   }
 
   [[nodiscard]] absl::StatusOr<std::string> Inflate(const ZipMember& member, const std::string& key,

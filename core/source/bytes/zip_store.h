@@ -25,7 +25,8 @@ class ZipStore : public ObjectStore {
 };
 
 // Reads the central directory, Zip64 too. Members are stored, whose ranges are read alone, or
-// deflated: these are inflated as a whole, and must fit max_size of a read. `folder`: keys are names
+// deflated: these are inflated as a whole, and must fit max_size of a read, or 256 MiB if a part of
+// them is read. `folder`: keys are names
 // below it; "" for all.
 //
 // Of two members of one name, as zarr-python writes them, the last one counts. INVALID_ARGUMENT: as
