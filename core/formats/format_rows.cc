@@ -377,17 +377,6 @@ Series OpenSlices(const FileRequest& request) {
 
 // ---- Zarr. --------------------------------------------------------------------------------------
 
-// True if a ZIP archive has a store at its top, or in a folder there.
-bool IsZarrArchive(const std::string& file) {
-  const auto archive = io::OpenRandomAccessFile(file);
-  const auto members = archive.ok() ? ReadZipMembers(**archive) : archive.status();
-  return members.ok() && std::any_of(members->begin(), members->end(), [](const ZipMember& member) {
-           const std::vector<absl::string_view> parts = absl::StrSplit(member.name, '/');
-           return parts.size() <= 2 && (parts.back() == "zarr.json" || parts.back() == ".zgroup" ||
-                                        parts.back() == ".zarray" || parts.back() == ".zmetadata");
-         });
-}
-
 MaybeFound FindZarr(const std::string& path) {
   // Other archives are of DICOM files.
   PartPath archive;
@@ -428,6 +417,18 @@ Series OpenZarr(const FileRequest& request) {
   return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
 }
 
+absl::StatusOr<std::vector<volume::Label>> ReadZarrLabels(const std::string& path) {
+  const MaybeFound found = FindZarr(path);
+  if (!found.ok() || !found->has_value()) {
+    return std::vector<volume::Label>();
+  }
+  const auto store = OpenLocalZarr((*found)->file);
+  auto labels = store.ok() ? ZarrLabelsOf(store->get(), (*found)->part) : store.status();
+  // Whoever reads its samples says why it can't be opened.
+  return absl::IsInvalidArgument(labels.status()) || labels.ok() ? std::move(labels)
+                                                                 : std::vector<volume::Label>();
+}
+
 }  // namespace
 
 // HDF5 stands first: its mark goes before the names of all formats that are not written as HDF5.
@@ -463,7 +464,8 @@ const std::vector<Format>& Formats() {
        .in_folder = "a Zarr store",
        .open = OpenZarr,
        .find_files =
-           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); }},
+           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); },
+       .read_labels = ReadZarrLabels},
       {.name = "NIfTI",
        .more_names = ".nii .nii.gz .hdr .hdr.gz .img .img.gz",
        .find = FindByName<HasNiftiName>,

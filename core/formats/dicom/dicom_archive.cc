@@ -179,6 +179,10 @@ class ArchivedSource final : public VolumeSource {
     return read.ok() ? read : Renamed(read, folder_->path(), path_);
   }
 
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    source_->HeedCancellation(cancellation);
+  }
+
  private:
   static SourceInfo InfoOf(const VolumeSource& source, const std::string& folder,
                            const std::string& path) {

@@ -51,6 +51,15 @@ absl::StatusOr<std::vector<double>> ReadCoordinates(const ZarrStore& store,
   ISOSCOPE_RETURN_IF_ERROR(
       chunks->ReadBox(BoxOf(array.dims), bytes.data(), nullptr, base::Cancellation()));
   std::vector<double> values(count);
+  if (array.time.has_value()) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto stored = base::LoadLittleEndian<std::int64_t>(bytes.data() + i * sizeof(stored));
+      values[i] = stored == std::numeric_limits<std::int64_t>::min()
+                      ? std::numeric_limits<double>::quiet_NaN()
+                      : static_cast<double>(stored) * array.time->multiple / array.time->divisor;
+    }
+    return values;
+  }
   VisitNumberType(array.type, [&]<typename T>() {
     for (std::size_t i = 0; i < count; ++i) {
       const auto stored =
@@ -84,6 +93,10 @@ absl::Status TakeCoordinatesOf(const ZarrStore& store, const ZarrNode& node, CfA
     return absl::OkStatus();
   }
   ISOSCOPE_RETURN_IF_ERROR(values.status());
+  if (node.array->time.has_value()) {
+    axis->units = node.array->time->units;
+    axis->axis = axis->axis.empty() ? "T" : axis->axis;
+  }
   axis->values = *std::move(values);
   axis->is_single = node.array->type == NumberType::kFloat32;
   return absl::OkStatus();

@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 #include <utility>
 
@@ -28,6 +29,7 @@ namespace isoscope::source {
 namespace {
 
 constexpr std::size_t kMaxOmeAxes = 5;
+constexpr std::size_t kMaxOmeImages = 64;
 constexpr std::size_t kMaxOmeLevels = 64;
 constexpr std::size_t kMaxOmeChannels = 4096;
 
@@ -159,23 +161,12 @@ absl::StatusOr<std::array<double, 3>> OmeUnitFactors(const std::vector<OmeAxis>&
   return factors;
 }
 
-}  // namespace
-
-absl::StatusOr<std::optional<OmeImage>> OmeImageIn(const ZarrJson& attributes,
-                                                   const std::string& name) {
-  const ZarrJson& members = OmeMembersOf(attributes);
-  const ZarrJson* const images = MemberOf(members, "multiscales");
-  if (images == nullptr) {
-    return std::nullopt;
-  }
-  if (!images->is_array() || images->empty() || !images->front().is_object()) {
-    return BadOme(name, "multiscales", images, "a list of images");
-  }
-  const ZarrJson& first = images->front();
-  ISOSCOPE_RETURN_IF_ERROR(CheckOmeVersion(members, first, name));
-  OmeImage image{.name = TextOf(first, "name")};
-  ISOSCOPE_ASSIGN_OR_RETURN(image.axes, OmeAxesIn(first, name));
-  const ZarrJson* const levels = MemberOf(first, "datasets");
+absl::StatusOr<OmeImage> OneOmeImage(const ZarrJson& members, const ZarrJson& multiscale,
+                                     const std::string& name) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckOmeVersion(members, multiscale, name));
+  OmeImage image{.name = TextOf(multiscale, "name")};
+  ISOSCOPE_ASSIGN_OR_RETURN(image.axes, OmeAxesIn(multiscale, name));
+  const ZarrJson* const levels = MemberOf(multiscale, "datasets");
   if (levels == nullptr || !levels->is_array() || levels->empty() ||
       levels->size() > kMaxOmeLevels) {
     return BadOme(name, "its list of datasets", levels,
@@ -191,7 +182,7 @@ absl::StatusOr<std::optional<OmeImage>> OmeImageIn(const ZarrJson& attributes,
     ISOSCOPE_RETURN_IF_ERROR(
         ApplyOmeTransformations(MemberOf(item, "coordinateTransformations"), name, &level));
     ISOSCOPE_RETURN_IF_ERROR(
-        ApplyOmeTransformations(MemberOf(first, "coordinateTransformations"), name, &level));
+        ApplyOmeTransformations(MemberOf(multiscale, "coordinateTransformations"), name, &level));
     image.levels.push_back(std::move(level));
   }
   const ZarrJson* const omero = MemberOf(members, "omero");
@@ -202,6 +193,114 @@ absl::StatusOr<std::optional<OmeImage>> OmeImageIn(const ZarrJson& attributes,
     image.channels.push_back(TextOf((*channels)[i], "label"));
   }
   return image;
+}
+
+// A value of a label; not set for anything else than a finite number.
+std::optional<double> LabelValueIn(const ZarrJson& item) {
+  const ZarrJson* const value = MemberOf(item, "label-value");
+  const auto number = value == nullptr ? std::nullopt : NumberOf(*value);
+  return number.has_value() && std::isfinite(*number) ? number : std::nullopt;
+}
+
+std::string LabelNameIn(const ZarrJson& item) {
+  for (const char* const member : {"name", "label", "class"}) {
+    if (std::string text = TextOf(item, member); !text.empty()) {
+      return text;
+    }
+  }
+  std::string only;
+  for (const auto& member : item.items()) {
+    if (member.value().is_string()) {
+      if (!only.empty()) {
+        return "";
+      }
+      only = member.value().get<std::string>();
+    }
+  }
+  return only;
+}
+
+std::optional<volume::LabelColor> LabelColorIn(const ZarrJson& item) {
+  const std::vector<double> rgba = NumbersOf(item, "rgba");
+  const bool is_color =
+      (rgba.size() == 3 || rgba.size() == 4) &&
+      std::all_of(rgba.begin(), rgba.end(), [](double c) { return c >= 0 && c <= 255; });
+  return is_color ? std::optional(volume::LabelColor{.red = static_cast<std::uint8_t>(rgba[0]),
+                                                     .green = static_cast<std::uint8_t>(rgba[1]),
+                                                     .blue = static_cast<std::uint8_t>(rgba[2])})
+                  : std::nullopt;
+}
+
+}  // namespace
+
+absl::StatusOr<OmeImages> OmeImagesIn(const ZarrJson& attributes, const std::string& name) {
+  const ZarrJson& members = OmeMembersOf(attributes);
+  const ZarrJson* const list = MemberOf(members, "multiscales");
+  OmeImages found;
+  if (list == nullptr) {
+    return found;
+  }
+  if (!list->is_array() || list->empty() || !list->front().is_object()) {
+    return BadOme(name, "multiscales", list, "a list of images");
+  }
+  for (std::size_t i = 0; i < list->size() && i < kMaxOmeImages; ++i) {
+    auto image = OneOmeImage(members, (*list)[i], name);
+    if (image.ok()) {
+      found.images.push_back(*std::move(image));
+    } else if (i == 0) {
+      return image.status();
+    } else {
+      found.others.Update(image.status());
+    }
+  }
+  return found;
+}
+
+absl::StatusOr<std::optional<OmeImage>> OmeImageIn(const ZarrJson& attributes,
+                                                   const std::string& name) {
+  ISOSCOPE_ASSIGN_OR_RETURN(OmeImages found, OmeImagesIn(attributes, name));
+  return found.images.empty() ? std::nullopt : std::optional(std::move(found.images.front()));
+}
+
+absl::StatusOr<std::vector<volume::Label>> OmeLabelTableIn(const ZarrJson& attributes) {
+  std::vector<volume::Label> labels;
+  const ZarrJson* const table = MemberOf(OmeMembersOf(attributes), "image-label");
+  if (table == nullptr) {
+    return labels;
+  }
+  std::map<double, volume::Label> by_value;
+  for (const char* const member : {"properties", "colors"}) {
+    const ZarrJson* const list = MemberOf(*table, member);
+    if (list == nullptr || list->is_null()) {
+      continue;
+    }
+    if (!list->is_array() || list->size() > volume::kMaxNamedLabels) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("OME-Zarr: %s of image-label is %s; expected a list of at most %d",
+                          member, ShownJson(*list), volume::kMaxNamedLabels));
+    }
+    for (const ZarrJson& item : *list) {
+      const auto value = LabelValueIn(item);
+      if (!value.has_value()) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("OME-Zarr: %s of image-label has %s; expected one with a label-value",
+                            member, ShownJson(item)));
+      }
+      volume::Label& label = by_value[*value + 0.0];  // -0 is 0
+      label.value = *value + 0.0;
+      if (label.name.empty()) {
+        label.name = volume::CleanLabelName(LabelNameIn(item));
+      }
+      label.color = label.color.has_value() ? label.color : LabelColorIn(item);
+    }
+  }
+  for (auto& [value, label] : by_value) {
+    if (!label.name.empty() || label.color.has_value()) {
+      labels.push_back(std::move(label));
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(volume::ValidateLabels(labels));
+  return labels;
 }
 
 std::vector<std::string> OmeLabelsIn(const ZarrJson& attributes) {

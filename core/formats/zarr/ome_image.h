@@ -11,12 +11,14 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "core/formats/zarr/zarr_json.h"
 #include "core/source/chunks/chunk_box.h"
 #include "core/source/grid/grid_rules.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/label.h"
 
 namespace isoscope::source {
 
@@ -39,10 +41,22 @@ struct OmeImage {
   std::vector<std::string> channels{};  // labels; may be fewer than channels, or empty
 };
 
-// The first image of a group; not set if it has none. INVALID_ARGUMENT, with `name` in front: a
-// version that is unknown; axes, levels or transformations that make no sense or are unknown.
+// The images of a group, at most 64; none if it has none. INVALID_ARGUMENT, with `name` in front: of
+// the first one a version that is unknown; axes, levels or transformations that make no sense or are
+// unknown.
+struct OmeImages {
+  std::vector<OmeImage> images{};
+  absl::Status others;  // what is wrong with one of the others, which is left out
+};
+absl::StatusOr<OmeImages> OmeImagesIn(const ZarrJson& attributes, const std::string& name);
+// The first one; not set if there is none.
 absl::StatusOr<std::optional<OmeImage>> OmeImageIn(const ZarrJson& attributes,
                                                    const std::string& name);
+// Values with names and colours, by value, as the attributes of a label image ("image-label") have
+// them; none without such a table. The name is the member "name" of a property, else "label",
+// "class", or the only text. INVALID_ARGUMENT: a table that makes no sense; volume::ValidateLabels.
+// The message is to follow a name and a colon.
+absl::StatusOr<std::vector<volume::Label>> OmeLabelTableIn(const ZarrJson& attributes);
 // The names of label images that the attributes of a group "labels" list.
 std::vector<std::string> OmeLabelsIn(const ZarrJson& attributes);
 // Says why a group without an image is none: a plate, a collection. "" if it is neither.

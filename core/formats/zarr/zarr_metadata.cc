@@ -12,12 +12,20 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
+#include <limits>
 #include <utility>
 
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
 
+#include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::source {
@@ -57,10 +65,81 @@ absl::StatusOr<ChunkIndex> SizesIn(const ZarrJson& object, const char* member,
                    absl::StrFormat("a list of at most %d sizes from 0 on", kMaxChunkAxes));
 }
 
+// ---- Times: "<M8[ns]" of Zarr 2, "numpy.datetime64" of Zarr 3. ----------------------------------
+
+// Times below a second are seconds, which a double has as exactly as their own unit.
+absl::StatusOr<ZarrTime> TimeOfUnit(absl::string_view unit, std::int64_t count, bool is_date) {
+  struct Unit {
+    absl::string_view name;
+    absl::string_view of_cf;
+    double multiple;
+    double divisor;
+  };
+  constexpr std::array<Unit, 12> kUnits = {{{"W", "days", 7, 1},
+                                            {"D", "days", 1, 1},
+                                            {"h", "hours", 1, 1},
+                                            {"m", "minutes", 1, 1},
+                                            {"s", "seconds", 1, 1},
+                                            {"ms", "seconds", 1, 1e3},
+                                            {"us", "seconds", 1, 1e6},
+                                            {"\xce\xbcs", "seconds", 1, 1e6},
+                                            {"ns", "seconds", 1, 1e9},
+                                            {"ps", "seconds", 1, 1e12},
+                                            {"fs", "seconds", 1, 1e15},
+                                            {"as", "seconds", 1, 1e18}}};
+  for (const Unit& known : kUnits) {
+    if (known.name == unit && count >= 1) {
+      return ZarrTime{.units = absl::StrCat(known.of_cf, is_date ? " since 1970-01-01" : ""),
+                      .multiple = known.multiple * static_cast<double>(count),
+                      .divisor = known.divisor};
+    }
+  }
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "times of %d \"%s\"; expected weeks (W) or less, down to as: years and months "
+      "differ in length",
+      count, base::Printable(unit.substr(0, 20))));
+}
+
+// "<M8[ns]" and "<m8[25s]"; not set for other types.
+absl::StatusOr<std::optional<ZarrTime>> NumpyTimeOf(absl::string_view dtype) {
+  absl::string_view text = dtype;
+  if (!text.empty() && absl::StrContains("<>|=", text.substr(0, 1))) {
+    text.remove_prefix(1);
+  }
+  const bool is_date = absl::ConsumePrefix(&text, "M8");
+  if (!is_date && !absl::ConsumePrefix(&text, "m8")) {
+    return std::nullopt;
+  }
+  std::int64_t count = 1;
+  if (absl::ConsumePrefix(&text, "[") && absl::ConsumeSuffix(&text, "]")) {
+    const std::size_t digits = text.find_first_not_of("0123456789");
+    if (digits > 0 && digits != absl::string_view::npos && digits < 10) {
+      ISOSCOPE_CHECK(absl::SimpleAtoi(text.substr(0, digits), &count));
+      text.remove_prefix(digits);
+    }
+  } else {
+    text = "";
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(ZarrTime time, TimeOfUnit(text, count, is_date));
+  return std::optional<ZarrTime>(std::move(time));
+}
+
+absl::StatusOr<ZarrTime> Zarr3TimeOf(const ZarrJson& configuration, bool is_date) {
+  const ZarrJson* const factor = MemberOf(configuration, "scale_factor");
+  const std::int64_t count = factor == nullptr             ? 1
+                             : factor->is_number_integer() ? factor->get<std::int64_t>()
+                                                           : 0;
+  return TimeOfUnit(TextOf(configuration, "unit"), count, is_date);
+}
+
 absl::Status TakeFill(const ZarrJson* value, const std::string& name, ZarrArray* array) {
   array->has_fill = value != nullptr && !value->is_null();
   if (!array->has_fill) {
     array->fill = std::string(SizeOf(array->type), '\0');
+    return absl::OkStatus();
+  }
+  if (array->time.has_value() && *value == "NaT") {
+    base::AppendLittleEndian(std::numeric_limits<std::int64_t>::min(), &array->fill);
     return absl::OkStatus();
   }
   auto fill = NumberBytes(*value, array->type);
@@ -202,7 +281,15 @@ absl::StatusOr<ZarrArray> ParseZarr2Array(const ZarrJson& metadata, const ZarrJs
   if (dtype == nullptr || !dtype->is_string()) {
     return BadMember(name, "dtype", dtype, "one type of numbers, such as \"<u2\"");
   }
-  const auto number = ParseNumpyType(dtype->get_ref<const std::string&>());
+  const std::string& type_text = dtype->get_ref<const std::string&>();
+  auto time = NumpyTimeOf(type_text);
+  if (!time.ok()) {
+    return absl::InvalidArgumentError(absl::StrCat(name, ": ", time.status().message()));
+  }
+  array.time = *std::move(time);
+  const auto number = array.time.has_value() ? StoredNumber{.type = NumberType::kInt64,
+                                                            .is_big_endian = type_text[0] == '>'}
+                                             : ParseNumpyType(type_text);
   if (!number.ok()) {
     return absl::InvalidArgumentError(absl::StrCat(name, ": ", number.status().message()));
   }
@@ -249,7 +336,15 @@ absl::StatusOr<ZarrArray> ParseZarr3Array(const ZarrJson& metadata, const std::s
   ISOSCOPE_ASSIGN_OR_RETURN(array.dims, SizesIn(metadata, "shape", name));
   // 1. The type.
   ISOSCOPE_ASSIGN_OR_RETURN(const ZarrExtension type, ExtensionIn(metadata, "data_type", name));
-  const auto number = NumberTypeFromName(type.name);
+  const bool is_date = type.name == "numpy.datetime64";
+  if (is_date || type.name == "numpy.timedelta64") {
+    auto time = Zarr3TimeOf(type.configuration, is_date);
+    if (!time.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat(name, ": ", time.status().message()));
+    }
+    array.time = *std::move(time);
+  }
+  const auto number = array.time.has_value() ? NumberType::kInt64 : NumberTypeFromName(type.name);
   if (!number.has_value()) {
     return BadMember(name, "data_type", MemberOf(metadata, "data_type"),
                      "bool, integers of 8 to 64 bits or floats of 16 to 64 bits");

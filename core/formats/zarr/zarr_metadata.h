@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_FORMATS_ZARR_ZARR_METADATA_H_
 #define ISOSCOPE_CORE_FORMATS_ZARR_ZARR_METADATA_H_
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,13 +17,22 @@
 
 namespace isoscope::source {
 
+// Times of NumPy (datetime64, timedelta64): times are stored * multiple / divisor, the least int64
+// is none.
+struct ZarrTime {
+  std::string units{};  // of CF: "seconds since 1970-01-01", "days"
+  double multiple = 1;
+  double divisor = 1;
+};
+
 struct ZarrArray {
   std::string path{};  // in its store; "" if the store is the array
   ChunkIndex dims{};
   ChunkIndex chunk_dims{};  // of an object
   NumberType type = NumberType::kUint8;
-  std::string fill{};     // the bytes of one number
-  bool has_fill = false;  // else the file leaves it open: zeros
+  std::optional<ZarrTime> time{};  // of an array of times, whose type is kInt64: no volume
+  std::string fill{};              // the bytes of one number
+  bool has_fill = false;           // else the file leaves it open: zeros
   std::vector<CodecSpec> codecs{};
   bool has_key_prefix = false;  // "c/0/0", else "0/0"
   char separator = '/';

@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <iterator>
+#include <map>
 #include <system_error>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
@@ -29,41 +33,6 @@ namespace fs = std::filesystem;
 constexpr const char* kZarrFiles[] = {"zarr.json", ".zarray", ".zgroup", ".zmetadata", ".zattrs"};
 constexpr std::size_t kMaxZarrFiles = std::size_t{16} << 20;
 constexpr int kMaxFoldersAbove = 16;
-
-class ZarrSeries final : public VolumeSeries {
- public:
-  ZarrSeries(std::unique_ptr<ZarrStore> store, ZarrVolumes volumes, const GridRules& rules)
-      : VolumeSeries(volumes.info),
-        store_(std::move(store)),
-        volumes_(std::move(volumes)),
-        rules_(rules) {}
-
-  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    const ZarrField& wanted = volumes_.fields[static_cast<std::size_t>(field)];
-    ISOSCOPE_RETURN_IF_ERROR(volumes_.geometry.status());
-    ISOSCOPE_RETURN_IF_ERROR(wanted.packing.status());
-    const std::string name = store_->NameOf(wanted.array.path);
-    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ChunkedArray> array,
-                              OpenStoredArray(store_->objects(), wanted.array.SpecOf(name)));
-    ZarrPart part = wanted.part;
-    if (wanted.time.has_value()) {
-      part.index[*wanted.time] = step;
-    }
-    if (wanted.component.has_value()) {
-      part.index[*wanted.component] = component;
-    }
-    std::unique_ptr<VolumeSource> volume =
-        MakeZarrSource({.name = name, .geometry = *volumes_.geometry, .note = volumes_.note},
-                       std::move(array), std::move(part), *wanted.packing);
-    return rules_.resamples ? ResampleSource(std::move(volume), volumes_.distances, rules_.fill)
-                            : absl::StatusOr<std::unique_ptr<VolumeSource>>(std::move(volume));
-  }
-
- private:
-  const std::unique_ptr<ZarrStore> store_;
-  const ZarrVolumes volumes_;
-  const GridRules rules_;
-};
 
 // A node, and the field or component of it.
 struct ZarrTarget {
@@ -175,6 +144,138 @@ absl::Status AddFilesBelow(const std::string& folder, std::vector<std::string>* 
   return error ? io::ErrnoToStatus(error.value(), "list", folder) : absl::OkStatus();
 }
 
+// Returns true if a folder of an archive has the metadata of a node.
+bool HasZarrRoot(const ZipStore& store, const std::string& folder) {
+  const std::vector<std::string> names = store.NamesBelow(folder);
+  return std::any_of(std::begin(kZarrFiles), std::end(kZarrFiles) - 1, [&](const char* name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  });
+}
+
+// The files of a store's folder that decide samples and positions of its volumes.
+struct ZarrFiles {
+  std::vector<std::string> of_all{};  // whatever the step
+  // Chunks of some steps alone, by how many there are in one, and which of these it is.
+  std::map<std::pair<std::int64_t, std::int64_t>, std::vector<std::string>> by_layer{};
+};
+
+// The place of a chunk's file along an axis; not set if it is no chunk. `key`: below its array.
+std::optional<std::int64_t> PlaceOfChunk(const ZarrArray& array, absl::string_view key,
+                                         std::size_t axis) {
+  std::vector<absl::string_view> numbers = absl::StrSplit(key, absl::ByAnyChar("/."));
+  if (array.has_key_prefix && !numbers.empty() && numbers.front() == "c") {
+    numbers.erase(numbers.begin());
+  }
+  if (numbers.size() != array.dims.size()) {
+    return std::nullopt;
+  }
+  std::int64_t place = 0;
+  for (std::size_t i = numbers.size(); i-- > 0;) {
+    std::int64_t number = 0;
+    if (!absl::SimpleAtoi(numbers[i], &number) || number < 0) {
+      return std::nullopt;
+    }
+    place = i == axis ? number : place;
+  }
+  return place;
+}
+
+absl::StatusOr<ZarrFiles> ListZarrFiles(const std::string& file, const ZarrVolumes& volumes) {
+  ZarrFiles files;
+  const auto add_metadata = [&files](const std::string& folder) {
+    for (const char* const name : kZarrFiles) {
+      const std::string path = absl::StrCat(folder, "/", name);
+      if (io::PathExists(path)) {
+        files.of_all.push_back(path);
+      }
+    }
+  };
+  for (const std::string& array : volumes.arrays) {
+    std::string folder = file;
+    add_metadata(folder);
+    for (const absl::string_view name : absl::StrSplit(array, '/', absl::SkipEmpty())) {
+      absl::StrAppend(&folder, "/", name);
+      add_metadata(folder);
+    }
+    const auto field = std::find_if(
+        volumes.fields.begin(), volumes.fields.end(),
+        [&](const ZarrField& f) { return f.array.path == array && f.time.has_value(); });
+    std::vector<std::string> below;
+    ISOSCOPE_RETURN_IF_ERROR(AddFilesBelow(folder, &below));
+    for (std::string& path : below) {
+      const std::optional<std::int64_t> place =
+          field == volumes.fields.end()
+              ? std::nullopt
+              : PlaceOfChunk(field->array, absl::string_view(path).substr(folder.size() + 1),
+                             *field->time);
+      if (place.has_value()) {
+        files.by_layer[{field->array.chunk_dims[*field->time], *place}].push_back(std::move(path));
+      } else {
+        files.of_all.push_back(std::move(path));
+      }
+    }
+  }
+  std::sort(files.of_all.begin(), files.of_all.end());
+  files.of_all.erase(std::unique(files.of_all.begin(), files.of_all.end()), files.of_all.end());
+  return files;
+}
+
+class ZarrSeries final : public VolumeSeries {
+ public:
+  ZarrSeries(std::unique_ptr<ZarrStore> store, ZarrVolumes volumes, const GridRules& rules)
+      : VolumeSeries(volumes.info),
+        store_(std::move(store)),
+        volumes_(std::move(volumes)),
+        rules_(rules) {}
+
+  absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
+    const ZarrField& wanted = volumes_.fields[static_cast<std::size_t>(field)];
+    ISOSCOPE_RETURN_IF_ERROR(volumes_.geometry.status());
+    ISOSCOPE_RETURN_IF_ERROR(wanted.packing.status());
+    const std::string name = store_->NameOf(wanted.array.path);
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ChunkedArray> array,
+                              OpenStoredArray(store_->objects(), wanted.array.SpecOf(name)));
+    ZarrPart part = wanted.part;
+    if (wanted.time.has_value()) {
+      part.index[*wanted.time] = step;
+    }
+    if (wanted.component.has_value()) {
+      part.index[*wanted.component] = component;
+    }
+    std::unique_ptr<VolumeSource> volume =
+        MakeZarrSource({.name = name, .geometry = *volumes_.geometry, .note = volumes_.note},
+                       std::move(array), std::move(part), *wanted.packing);
+    return rules_.resamples ? ResampleSource(std::move(volume), volumes_.distances, rules_.fill)
+                            : absl::StatusOr<std::unique_ptr<VolumeSource>>(std::move(volume));
+  }
+
+  absl::StatusOr<std::optional<std::vector<std::string>>> FilesOfStep(int step) override {
+    const bool has_times = std::any_of(volumes_.fields.begin(), volumes_.fields.end(),
+                                       [](const ZarrField& f) { return f.time.has_value(); });
+    if (!has_times || !io::IsDirectory(store_->name())) {
+      return std::nullopt;
+    }
+    if (!files_.has_value()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(files_, ListZarrFiles(store_->name(), volumes_));
+    }
+    std::vector<std::string> files = files_->of_all;
+    for (const auto& [layer, paths] : files_->by_layer) {
+      const auto& [chunk_steps, number] = layer;
+      if (number == step / chunk_steps) {
+        files.insert(files.end(), paths.begin(), paths.end());
+      }
+    }
+    std::sort(files.begin(), files.end());
+    return std::optional(std::move(files));
+  }
+
+ private:
+  const std::unique_ptr<ZarrStore> store_;
+  const ZarrVolumes volumes_;
+  const GridRules rules_;
+  std::optional<ZarrFiles> files_;  // once a step was asked for
+};
+
 }  // namespace
 
 bool IsZarrFolder(const std::string& folder) {
@@ -229,6 +330,18 @@ std::optional<ZarrPath> FindZarrPath(const std::string& path) {
   return found;
 }
 
+bool IsZarrArchive(const std::string& file) {
+  const auto bytes = OpenFileBytes(file);
+  const auto zip = bytes.ok() ? OpenZipStore(*std::move(bytes)) : bytes.status();
+  if (!zip.ok()) {
+    return false;
+  }
+  const std::vector<std::string> top = (*zip)->NamesBelow("");
+  return HasZarrRoot(**zip, "") ||
+         std::any_of(top.begin(), top.end(),
+                     [&](const std::string& name) { return HasZarrRoot(**zip, name); });
+}
+
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file) {
   if (!io::IsDirectory(file)) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ByteSource> bytes, OpenFileBytes(file));
@@ -242,15 +355,9 @@ absl::StatusOr<std::unique_ptr<ZarrStore>> OpenLocalZarr(const std::string& file
 
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZippedZarr(std::shared_ptr<const ByteSource> bytes) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ZipStore> zip, OpenZipStore(bytes));
-  const auto has_root = [](const ZipStore& store, const std::string& folder) {
-    const std::vector<std::string> names = store.NamesBelow(folder);
-    return std::any_of(std::begin(kZarrFiles), std::end(kZarrFiles) - 1, [&](const char* name) {
-      return std::find(names.begin(), names.end(), name) != names.end();
-    });
-  };
-  if (!has_root(*zip, "")) {
+  if (!HasZarrRoot(*zip, "")) {
     const std::vector<std::string> top = zip->NamesBelow("");
-    const bool is_folder = top.size() == 1 && has_root(*zip, top[0]);
+    const bool is_folder = top.size() == 1 && HasZarrRoot(*zip, top[0]);
     if (!is_folder) {
       return absl::InvalidArgumentError(
           absl::StrCat(bytes->name(),
@@ -275,6 +382,11 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenZarrSeries(std::unique_ptr<Zar
                              : SelectPart(std::move(series), name, opened.part);
 }
 
+absl::StatusOr<std::vector<volume::Label>> ZarrLabelsOf(ZarrStore* store, const std::string& part) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const ZarrTarget target, TargetOf(store, part));
+  return FindZarrLabels(store, target.path);
+}
+
 absl::StatusOr<std::vector<std::string>> FilesOfZarr(const std::string& file,
                                                      const std::string& part,
                                                      const std::string& axes,
@@ -284,23 +396,11 @@ absl::StatusOr<std::vector<std::string>> FilesOfZarr(const std::string& file,
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ZarrStore> store, OpenLocalZarr(file));
   ISOSCOPE_ASSIGN_OR_RETURN(const ZarrOpened opened, FindPart(store.get(), part, axes, rules));
-  std::vector<std::string> files;
-  const auto add_metadata = [&files](const std::string& folder) {
-    for (const char* const name : kZarrFiles) {
-      const std::string path = absl::StrCat(folder, "/", name);
-      if (io::PathExists(path)) {
-        files.push_back(path);
-      }
-    }
-  };
-  for (const std::string& array : opened.volumes.arrays) {
-    std::string folder = file;
-    add_metadata(folder);
-    for (const absl::string_view name : absl::StrSplit(array, '/', absl::SkipEmpty())) {
-      absl::StrAppend(&folder, "/", name);
-      add_metadata(folder);
-    }
-    ISOSCOPE_RETURN_IF_ERROR(AddFilesBelow(folder, &files));
+  ISOSCOPE_ASSIGN_OR_RETURN(ZarrFiles listed, ListZarrFiles(file, opened.volumes));
+  std::vector<std::string> files = std::move(listed.of_all);
+  for (auto& [layer, paths] : listed.by_layer) {
+    files.insert(files.end(), std::make_move_iterator(paths.begin()),
+                 std::make_move_iterator(paths.end()));
   }
   std::sort(files.begin(), files.end());
   files.erase(std::unique(files.begin(), files.end()), files.end());

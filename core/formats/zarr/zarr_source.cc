@@ -45,6 +45,15 @@ class ZarrSource final : public VolumeSource {
         packing_(std::move(packing)),
         cache_(part_.space[0], cache_bytes) {}
 
+  absl::Status ReadBand(std::int64_t begin_z, std::int64_t end_z, std::int64_t begin_y,
+                        std::int64_t end_y, char* out) override {
+    return ReadPlanes(begin_z, end_z - begin_z, begin_y, end_y - begin_y, out);
+  }
+
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    cancellation_ = cancellation == nullptr ? &never_ : cancellation;
+  }
+
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
@@ -80,7 +89,7 @@ class ZarrSource final : public VolumeSource {
     const auto samples = static_cast<std::size_t>(planes * rows * row_samples);
     char* const stored =
         out + samples * (volume::SizeOf(info().type) - SizeOf(array_->info().type));
-    ISOSCOPE_RETURN_IF_ERROR(array_->ReadBox(box, stored, &cache_, never_));
+    ISOSCOPE_RETURN_IF_ERROR(array_->ReadBox(box, stored, &cache_, *cancellation_));
     if (!packing_.is_plain()) {
       UnpackZarr(packing_, array_->info().type, samples, stored, out);
     }
@@ -91,7 +100,8 @@ class ZarrSource final : public VolumeSource {
   const ZarrPart part_;
   const ZarrPacking packing_;
   ChunkCache cache_;
-  const base::Cancellation never_;  // whoever reads asks between its calls
+  const base::Cancellation never_;
+  const base::Cancellation* cancellation_ = &never_;
 };
 
 }  // namespace
@@ -108,6 +118,7 @@ std::unique_ptr<VolumeSource> MakeZarrSource(SourceInfo info,
   const std::int64_t cache_bytes = LayerBytesOf(array->info(), part);
   info.type = is_plain ? type.stored : UnpackedType(array->info().type);
   info.memory_bytes = array->info().memory_bytes + cache_bytes;
+  info.planes_at_once = array->info().chunk_dims[part.space[0]];
   auto source = std::make_unique<ZarrSource>(std::move(info), std::move(array), std::move(part),
                                              std::move(packing), cache_bytes);
   if (is_plain && type.wide.has_value()) {

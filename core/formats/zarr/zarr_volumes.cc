@@ -125,13 +125,17 @@ absl::Status TakeOmeTimes(const ZarrStore& store, const OmeImage& image, const O
   return absl::OkStatus();
 }
 
-// The paths of the other levels and of label images.
+// The paths of the other levels, of the other images and of label images.
 absl::StatusOr<std::vector<std::string>> OmeElsewhere(ZarrStore* store, const std::string& group,
-                                                      const OmeImage& image, std::size_t level) {
+                                                      const std::vector<OmeImage>& images,
+                                                      const std::string& chosen) {
   std::vector<std::string> paths;
-  for (std::size_t i = 0; i < image.levels.size(); ++i) {
-    if (i != level) {
-      paths.push_back(Joined(group, image.levels[i].path));
+  for (const OmeImage& image : images) {
+    for (const OmeLevel& level : image.levels) {
+      std::string path = Joined(group, level.path);
+      if (path != chosen && std::find(paths.begin(), paths.end(), path) == paths.end()) {
+        paths.push_back(std::move(path));
+      }
     }
   }
   const std::string labels = Joined(group, "labels");
@@ -146,9 +150,12 @@ absl::StatusOr<std::vector<std::string>> OmeElsewhere(ZarrStore* store, const st
   return paths;
 }
 
+// `image`: which of the group's images.
 absl::StatusOr<ZarrVolumes> OmeVolumes(ZarrStore* store, const std::string& group,
-                                       const OmeImage& image, std::size_t level,
+                                       const std::vector<OmeImage>& images,
+                                       std::size_t image_number, std::size_t level,
                                        const GridRules& rules) {
+  const OmeImage& image = images[image_number];
   const OmeLevel& chosen = image.levels[level];
   const std::string path = Joined(group, chosen.path);
   ISOSCOPE_ASSIGN_OR_RETURN(const ZarrNode node, store->Node(path));
@@ -203,7 +210,7 @@ absl::StatusOr<ZarrVolumes> OmeVolumes(ZarrStore* store, const std::string& grou
   }
   // 3. What else there is.
   ISOSCOPE_ASSIGN_OR_RETURN(volumes.info.fields_elsewhere,
-                            OmeElsewhere(store, group, image, level));
+                            OmeElsewhere(store, group, images, path));
   volumes.arrays = {path};
   if (level > 0) {
     ISOSCOPE_ASSIGN_OR_RETURN(const ZarrNode finest,
@@ -218,7 +225,8 @@ absl::StatusOr<ZarrVolumes> OmeVolumes(ZarrStore* store, const std::string& grou
 // The image above an array that has it as a level.
 struct OmeLevelOf {
   std::string group{};
-  OmeImage image{};
+  std::vector<OmeImage> images{};
+  std::size_t image = 0;
   std::size_t level = 0;
 };
 absl::StatusOr<std::optional<OmeLevelOf>> FindOmeLevel(ZarrStore* store, const std::string& path) {
@@ -229,13 +237,18 @@ absl::StatusOr<std::optional<OmeLevelOf>> FindOmeLevel(ZarrStore* store, const s
     if (!node.ok()) {
       continue;  // between the levels of its path there need be no groups
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(std::optional<OmeImage> image,
-                              OmeImageIn(node->attributes, store->NameOf(group)));
-    for (std::size_t i = 0; image.has_value() && i < image->levels.size(); ++i) {
-      if (Joined(group, image->levels[i].path) == path) {
-        return OmeLevelOf{.group = group, .image = *std::move(image), .level = i};
+    ISOSCOPE_ASSIGN_OR_RETURN(OmeImages found, OmeImagesIn(node->attributes, store->NameOf(group)));
+    for (std::size_t i = 0; i < found.images.size(); ++i) {
+      const std::vector<OmeLevel>& levels = found.images[i].levels;
+      for (std::size_t k = 0; k < levels.size(); ++k) {
+        if (Joined(group, levels[k].path) == path) {
+          return OmeLevelOf{
+              .group = group, .images = std::move(found.images), .image = i, .level = k};
+        }
       }
     }
+    // It may be a level of the image that can't be read.
+    ISOSCOPE_RETURN_IF_ERROR(found.others);
   }
   return std::nullopt;
 }
@@ -426,7 +439,8 @@ absl::StatusOr<std::vector<std::string>> ArraysBelow(ZarrStore* store, const std
             groups.pop_back();
           }
         }
-      } else if (node->array.ok() && node->array->dims.size() >= 3) {
+      } else if (node->array.ok() && node->array->dims.size() >= 3 &&
+                 !node->array->time.has_value()) {
         found.push_back(child);
       }
     }
@@ -475,7 +489,7 @@ absl::StatusOr<ZarrVolumes> VolumesOfGroup(ZarrStore* store, const std::string& 
     if (!node.ok() || !node->is_array) {
       continue;
     }
-    if (!node->array.ok() || node->array->dims.size() < 3) {
+    if (!node->array.ok() || node->array->dims.size() < 3 || node->array->time.has_value()) {
       unread = unread.ok() ? node->array.status() : unread;
       continue;
     }
@@ -515,8 +529,13 @@ absl::StatusOr<ZarrVolumes> VolumeOfArray(ZarrStore* store, const ZarrNode& node
     ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<OmeLevelOf> level,
                               FindOmeLevel(store, node.path));
     if (level.has_value()) {
-      return OmeVolumes(store, level->group, level->image, level->level, choice.rules);
+      return OmeVolumes(store, level->group, level->images, level->image, level->level,
+                        choice.rules);
     }
+  }
+  if (node.array->time.has_value()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(store->NameOf(node.path), ": an array of times; expected one of numbers"));
   }
   if (node.array->dims.size() < 3) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: an array of %d axes; expected 3 or more",
@@ -538,6 +557,20 @@ absl::StatusOr<ZarrVolumes> VolumeOfArray(ZarrStore* store, const ZarrNode& node
 
 }  // namespace
 
+absl::StatusOr<std::vector<volume::Label>> FindZarrLabels(ZarrStore* store,
+                                                          const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(ZarrNode node, store->Node(path));
+  if (node.is_array) {  // a level of a label image
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<OmeLevelOf> level, FindOmeLevel(store, path));
+    if (!level.has_value()) {
+      return std::vector<volume::Label>();
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(node, store->Node(level->group));
+  }
+  auto labels = OmeLabelTableIn(node.attributes);
+  return labels.ok() ? std::move(labels) : InZarr(store->NameOf(node.path), labels.status());
+}
+
 absl::StatusOr<ZarrVolumes> FindZarrVolumes(ZarrStore* store, const ZarrChoice& choice) {
   ISOSCOPE_ASSIGN_OR_RETURN(const ZarrNode node, store->Node(choice.path));
   if (node.is_array) {
@@ -545,10 +578,9 @@ absl::StatusOr<ZarrVolumes> FindZarrVolumes(ZarrStore* store, const ZarrChoice& 
   }
   const std::string name = store->NameOf(choice.path);
   if (choice.axes.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<OmeImage> image,
-                              OmeImageIn(node.attributes, name));
-    if (image.has_value()) {
-      return OmeVolumes(store, choice.path, *image, 0, choice.rules);
+    ISOSCOPE_ASSIGN_OR_RETURN(const OmeImages found, OmeImagesIn(node.attributes, name));
+    if (!found.images.empty()) {
+      return OmeVolumes(store, choice.path, found.images, 0, 0, choice.rules);
     }
     if (const std::string what = OmeCollectionIn(node.attributes); !what.empty()) {
       return absl::InvalidArgumentError(absl::StrCat(name, ": ", what, " behind a colon"));

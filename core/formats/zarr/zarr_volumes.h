@@ -19,6 +19,7 @@
 #include "core/source/grid/grid_rules.h"
 #include "core/source/volume_series.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/label.h"
 
 namespace isoscope::source {
 
@@ -53,6 +54,11 @@ struct ZarrChoice {
 // ZarrPackingOf; times that do not ascend; more than 100 000 steps or 4096 components. NOT_FOUND:
 // no such path.
 absl::StatusOr<ZarrVolumes> FindZarrVolumes(ZarrStore* store, const ZarrChoice& choice);
+// The names and colours of the values of a label image, a group or a level of it; none for others.
+// INVALID_ARGUMENT: a table that makes no sense; the samples may be read all the same. NOT_FOUND: no
+// such path.
+absl::StatusOr<std::vector<volume::Label>> FindZarrLabels(ZarrStore* store,
+                                                          const std::string& path);
 
 }  // namespace isoscope::source
 

@@ -115,6 +115,10 @@ class AdjustedSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    source_->HeedCancellation(cancellation);
+  }
+
  private:
   void TakeRow(const char* row, char* out) const {
     volume::VisitScalarType(source_->info().type, [&]<typename In>() {
@@ -233,6 +237,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
   const std::optional<double> fill = info.is_resampled ? std::nullopt : adjustment.fill;
   info.type = FilledType(info.type, fill.has_value());
   info.memory_bytes += RunRows(source->info()) * source->info().row_bytes();
+  info.planes_at_once = 1;  // planes are read one by one
   return std::make_unique<AdjustedSource>(std::move(info), std::move(source), box,
                                           adjustment.stride, fill);
 }

@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
@@ -55,40 +56,66 @@ class WideSource final : public VolumeSource {
       : VolumeSource(InfoOf(stored->info(), type)), stored_(std::move(stored)), type_(type) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const auto count =
-        static_cast<std::size_t>((end_row - begin_row) * info().geometry.sample_dims.x);
+    return Widen(
+        end_row - begin_row, out,
+        [&](char* stored) { return stored_->ReadRows(begin_row, end_row, stored); },
+        [&](std::int64_t row) { return begin_row + row; });
+  }
+
+  absl::Status ReadBand(std::int64_t begin_z, std::int64_t end_z, std::int64_t begin_y,
+                        std::int64_t end_y, char* out) override {
+    const std::int64_t rows = end_y - begin_y;
+    return Widen(
+        (end_z - begin_z) * rows, out,
+        [&](char* stored) { return stored_->ReadBand(begin_z, end_z, begin_y, end_y, stored); },
+        [&](std::int64_t row) {
+          return (begin_z + row / rows) * info().geometry.sample_dims.y + begin_y + row % rows;
+        });
+  }
+
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    stored_->HeedCancellation(cancellation);
+  }
+
+ private:
+  // `row_of`: the row of the volume that was read as the i-th one.
+  absl::Status Widen(std::int64_t rows, char* out, absl::FunctionRef<absl::Status(char*)> read,
+                     absl::FunctionRef<std::int64_t(std::int64_t)> row_of) {
+    const std::int64_t row_samples = info().geometry.sample_dims.x;
+    const auto count = static_cast<std::size_t>(rows * row_samples);
     if (type_ == WideType::kFloat16) {
       // They lie in the tail of `out`, so no sample is written over before it was read.
       char* const halves = out + count * (sizeof(float) - sizeof(std::uint16_t));
-      ISOSCOPE_RETURN_IF_ERROR(stored_->ReadRows(begin_row, end_row, halves));
+      ISOSCOPE_RETURN_IF_ERROR(read(halves));
       for (std::size_t i = 0; i < count; ++i) {
         const auto half = base::LoadLittleEndian<std::uint16_t>(halves + i * 2);
         base::StoreLittleEndian(HalfValue(half), out + i * sizeof(float));
       }
       return absl::OkStatus();
     }
-    ISOSCOPE_RETURN_IF_ERROR(stored_->ReadRows(begin_row, end_row, out));
+    ISOSCOPE_RETURN_IF_ERROR(read(out));
     const std::size_t widened = type_ == WideType::kInt64
                                     ? WidenIntegers<std::int64_t>(count, out)
                                     : WidenIntegers<std::uint64_t>(count, out);
-    return widened == count ? absl::OkStatus()
-                            : OutOfRange(begin_row, widened, out + widened * sizeof(double));
+    if (widened == count) {
+      return absl::OkStatus();
+    }
+    const auto index = static_cast<std::int64_t>(widened);
+    return OutOfRange(row_of(index / row_samples), index % row_samples,
+                      out + widened * sizeof(double));
   }
 
- private:
   static SourceInfo InfoOf(SourceInfo info, WideType type) {
     info.type =
         type == WideType::kFloat16 ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
     return info;
   }
-  [[nodiscard]] absl::Status OutOfRange(std::int64_t begin_row, std::size_t index,
-                                        const char* sample) const {
+  [[nodiscard]] absl::Status OutOfRange(std::int64_t row, std::int64_t x, const char* sample) const {
     const math::Index3& dims = info().geometry.sample_dims;
-    const std::int64_t row = begin_row + static_cast<std::int64_t>(index) / dims.x;
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: the sample at (%d, %d, %d) is %s; 64-bit integers are stored as float64, which is "
         "exact up to 2^53 = 9007199254740992 on either side of 0: subtract an offset, or scale it",
-        info().name, static_cast<std::int64_t>(index) % dims.x, row % dims.y, row / dims.y,
+        info().name, x, row % dims.y, row / dims.y,
         type_ == WideType::kInt64 ? absl::StrCat(base::LoadLittleEndian<std::int64_t>(sample))
                                   : absl::StrCat(base::LoadLittleEndian<std::uint64_t>(sample))));
   }

@@ -1,13 +1,5 @@
-// Source: PKWARE's APPNOTE 6.3.10. All numbers are little-endian.
-//
-//   local header (30 bytes, name, extra), data, ...      of each member
-//   entry (46 bytes, name, extra, comment), ...          the central directory
-//   [end of Zip64 (56 bytes), its locator (20 bytes)]
-//   end (22 bytes, comment)
-//
-// Sizes and places of 32 bits that are all ones stand in the extra field 1 of the entry, in the
-// order size, packed size, place. The local header counts for one thing only: how long its name and
-// its extra field are, behind which the data begin.
+// The local header in front of a member's bytes counts for one thing only: how long its name and its
+// extra field are, behind which the bytes begin (zip_directory.cc has all of an archive).
 
 #include "core/source/bytes/zip_store.h"
 
@@ -16,8 +8,6 @@
 #include <cstdint>
 #include <limits>
 #include <map>
-#include <optional>
-#include <set>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -29,183 +19,46 @@
 #include "core/base/coding.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/source/bytes/zip_directory.h"
 #include "zlib.h"
 
 namespace isoscope::source {
 namespace {
 
-constexpr std::uint32_t kZipEntry = 0x02014b50;
 constexpr std::uint32_t kZipLocal = 0x04034b50;
-constexpr std::uint32_t kZipEnd = 0x06054b50;
-constexpr std::uint32_t kZip64End = 0x06064b50;
-constexpr std::uint32_t kZip64Locator = 0x07064b50;
-constexpr std::int64_t kZipEndBytes = 22;
-constexpr std::int64_t kZip64LocatorBytes = 20;
-constexpr std::int64_t kZip64EndBytes = 56;
 constexpr std::size_t kZipLocalBytes = 30;
-constexpr std::size_t kZipEntryBytes = 46;
-constexpr std::int64_t kMaxZipComment = 65535;
-constexpr std::int64_t kMaxZipDirectory = std::int64_t{1} << 30;
-constexpr std::uint16_t kStored = 0;
-constexpr std::uint16_t kDeflated = 8;
-constexpr std::uint32_t kOnes32 = 0xffffffff;
-
-struct ZipMember {
-  std::int64_t place = 0;  // of its local header
-  std::int64_t packed_bytes = 0;
-  std::int64_t bytes = 0;
-  std::uint32_t crc32 = 0;
-  std::uint16_t method = kStored;
-  bool is_encrypted = false;
-};
+// A store has a member for each chunk.
+constexpr ZipLimits kStoreLimits{
+    .directory_bytes = base::kGiB, .members = 20'000'000, .takes_last_of_a_name = true};
+// A deflated member of which a part is read, as a shard, is inflated as a whole.
+constexpr std::int64_t kMaxPartlyRead = 256 * base::kMiB;
+constexpr int kStored = 0;
+constexpr int kDeflated = 8;
 
 template <typename T>
 T ZipNumber(absl::string_view bytes, std::size_t offset) {
   return base::LoadLittleEndian<T>(bytes.data() + offset);
 }
 
-struct ZipDirectory {
-  std::int64_t place = 0;
-  std::int64_t bytes = 0;
-};
-
-absl::Status BadZip(const ByteSource& bytes, absl::string_view what) {
-  return absl::InvalidArgumentError(
-      absl::StrCat(bytes.name(), ": ", what, ": no ZIP archive, or it is damaged or cut"));
-}
-
-absl::StatusOr<std::string> ReadZip(const ByteSource& bytes, std::int64_t offset, std::int64_t size,
-                                    const base::Cancellation& cancellation) {
-  if (offset < 0 || size < 0 || offset > bytes.size_bytes() || size > bytes.size_bytes() - offset) {
-    return BadZip(bytes, absl::StrFormat("%d bytes at %d of %d", size, offset, bytes.size_bytes()));
-  }
-  std::string read(static_cast<std::size_t>(size), '\0');
-  ISOSCOPE_RETURN_IF_ERROR(bytes.ReadAt(offset, read.size(), read.data(), cancellation));
-  return read;
-}
-
-absl::StatusOr<ZipDirectory> FindZipDirectory(const ByteSource& bytes,
-                                              const base::Cancellation& cancellation) {
-  // The end stands before a comment of unknown length.
-  const std::int64_t all = bytes.size_bytes();
-  const std::int64_t tail_bytes = std::min(all, kZipEndBytes + kMaxZipComment + kZip64LocatorBytes);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string tail,
-                            ReadZip(bytes, all - tail_bytes, tail_bytes, cancellation));
-  std::int64_t end = -1;  // in the tail
-  for (std::int64_t i = tail_bytes - kZipEndBytes; i >= 0; --i) {
-    const auto at = static_cast<std::size_t>(i);
-    if (ZipNumber<std::uint32_t>(tail, at) == kZipEnd &&
-        i + kZipEndBytes + ZipNumber<std::uint16_t>(tail, at + 20) == tail_bytes) {
-      end = i;
-      break;
-    }
-  }
-  if (end < 0) {
-    return BadZip(bytes, "its end has no directory");
-  }
-  const auto at = static_cast<std::size_t>(end);
-  const auto disk = ZipNumber<std::uint16_t>(tail, at + 4);
-  if (disk != 0 && disk != 0xffff) {
-    return BadZip(bytes, "a part of an archive of several");
-  }
-  ZipDirectory directory{.place = ZipNumber<std::uint32_t>(tail, at + 16),
-                         .bytes = ZipNumber<std::uint32_t>(tail, at + 12)};
-  const std::int64_t locator = end - kZip64LocatorBytes;
-  if (locator >= 0 &&
-      ZipNumber<std::uint32_t>(tail, static_cast<std::size_t>(locator)) == kZip64Locator) {
-    const auto place = ZipNumber<std::uint64_t>(tail, static_cast<std::size_t>(locator) + 8);
-    if (place > static_cast<std::uint64_t>(all)) {
-      return BadZip(bytes, absl::StrFormat("its Zip64 end lies at %d of %d", place, all));
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::string zip64,
-        ReadZip(bytes, static_cast<std::int64_t>(place), kZip64EndBytes, cancellation));
-    const auto size = ZipNumber<std::uint64_t>(zip64, 40);
-    const auto offset = ZipNumber<std::uint64_t>(zip64, 48);
-    if (ZipNumber<std::uint32_t>(zip64, 0) != kZip64End || size > static_cast<std::uint64_t>(all) ||
-        offset > static_cast<std::uint64_t>(all)) {
-      return BadZip(bytes, "its Zip64 end makes no sense");
-    }
-    directory = {.place = static_cast<std::int64_t>(offset),
-                 .bytes = static_cast<std::int64_t>(size)};
-  }
-  if (directory.bytes > kMaxZipDirectory) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: a directory of %d bytes; expected at most %d: write it in shards (Zarr 3)",
-        bytes.name(), directory.bytes, kMaxZipDirectory));
-  }
-  return directory;
-}
-
-// Sets those of 64 bits.
-bool TakeZip64(absl::string_view extra, bool has_bytes, bool has_packed, bool has_place,
-               ZipMember* member) {
-  constexpr auto kMost = static_cast<std::uint64_t>(std::int64_t{1} << 60);
-  while (extra.size() >= 4) {
-    const auto id = ZipNumber<std::uint16_t>(extra, 0);
-    const auto size = ZipNumber<std::uint16_t>(extra, 2);
-    if (size > extra.size() - 4) {
-      return false;
-    }
-    if (id == 1) {
-      base::Decoder decoder(extra.substr(4, size));
-      std::uint64_t number = 0;
-      for (const auto& [is_there, place] :
-           {std::pair{has_bytes, &member->bytes}, std::pair{has_packed, &member->packed_bytes},
-            std::pair{has_place, &member->place}}) {
-        if (is_there) {
-          if (!decoder.Read(&number) || number > kMost) {
-            return false;
-          }
-          *place = static_cast<std::int64_t>(number);
-        }
-      }
-      return true;
-    }
-    extra.remove_prefix(std::size_t{4} + size);
-  }
-  return !has_bytes && !has_packed && !has_place;
-}
-
-absl::StatusOr<std::map<std::string, ZipMember>> ReadZipDirectory(const ByteSource& bytes,
-                                                                  const std::string& folder) {
+absl::StatusOr<std::map<std::string, ZipMember>> MembersBelow(const ByteSource& bytes,
+                                                              const std::string& folder) {
   const base::Cancellation never;
-  ISOSCOPE_ASSIGN_OR_RETURN(const ZipDirectory directory, FindZipDirectory(bytes, never));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string all,
-                            ReadZip(bytes, directory.place, directory.bytes, never));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::vector<ZipMember> all,
+      ReadZipDirectory(
+          {.name = bytes.name(),
+           .size_bytes = bytes.size_bytes(),
+           .read_at = [&](std::int64_t offset, std::size_t size,
+                          char* out) { return bytes.ReadAt(offset, size, out, never); }},
+          kStoreLimits));
   std::map<std::string, ZipMember> members;
-  absl::string_view rest = all;
-  while (!rest.empty()) {
-    if (rest.size() < kZipEntryBytes || ZipNumber<std::uint32_t>(rest, 0) != kZipEntry) {
-      return BadZip(bytes,
-                    absl::StrFormat("entry %d of its directory makes no sense", members.size()));
+  for (ZipMember& member : all) {
+    if (!member.name.empty() && !member.is_folder() && absl::StartsWith(member.name, folder)) {
+      std::string name = member.name.substr(folder.size());
+      member.name.clear();
+      members[std::move(name)] = std::move(member);
     }
-    const std::size_t name_bytes = ZipNumber<std::uint16_t>(rest, 28);
-    const std::size_t extra_bytes = ZipNumber<std::uint16_t>(rest, 30);
-    const std::size_t comment_bytes = ZipNumber<std::uint16_t>(rest, 32);
-    const std::size_t entry_bytes = kZipEntryBytes + name_bytes + extra_bytes + comment_bytes;
-    if (entry_bytes > rest.size()) {
-      return BadZip(bytes, "its directory ends within an entry");
-    }
-    const auto packed = ZipNumber<std::uint32_t>(rest, 20);
-    const auto size = ZipNumber<std::uint32_t>(rest, 24);
-    const auto place = ZipNumber<std::uint32_t>(rest, 42);
-    ZipMember member{.place = place,
-                     .packed_bytes = packed,
-                     .bytes = size,
-                     .crc32 = ZipNumber<std::uint32_t>(rest, 16),
-                     .method = ZipNumber<std::uint16_t>(rest, 10),
-                     .is_encrypted = (ZipNumber<std::uint16_t>(rest, 8) & 1U) != 0};
-    std::string name(rest.substr(kZipEntryBytes, name_bytes));
-    if (!TakeZip64(rest.substr(kZipEntryBytes + name_bytes, extra_bytes), size == kOnes32,
-                   packed == kOnes32, place == kOnes32, &member)) {
-      return BadZip(bytes, absl::StrFormat("the sizes of \"%s\" make no sense",
-                                           base::Printable(base::CutText(name, 80))));
-    }
-    if (!name.empty() && name.back() != '/' && absl::StartsWith(name, folder)) {
-      members[name.substr(folder.size())] = member;  // the last of a name counts, as for unzip
-    }
-    rest.remove_prefix(entry_bytes);
   }
   return members;
 }
@@ -261,7 +114,7 @@ class ZipMembers final : public ZipStore {
       members[i] = *member;
       heads[i].resize(kZipLocalBytes);
       wanted.push_back(
-          {.offset = members[i]->place, .size = kZipLocalBytes, .out = heads[i].data()});
+          {.offset = members[i]->header_offset, .size = kZipLocalBytes, .out = heads[i].data()});
     }
     absl::Status status = bytes_->ReadRanges(wanted, cancellation);
     // 2. Their bytes, at once.
@@ -277,19 +130,37 @@ class ZipMembers final : public ZipStore {
         members[i] = nullptr;
         continue;
       }
+      if (IsAsBefore(members, i)) {
+        continue;  // it was inflated already
+      }
       const bool is_stored = members[i]->method == kStored;
       parts[i] = std::string(
-          static_cast<std::size_t>(is_stored ? ranges[i].size : members[i]->packed_bytes), '\0');
+          static_cast<std::size_t>(is_stored ? ranges[i].size : members[i]->stored_bytes), '\0');
       wanted.push_back({.offset = *data + (is_stored ? ranges[i].begin : 0),
                         .size = parts[i]->size(),
                         .out = parts[i]->data()});
     }
     status = bytes_->ReadRanges(wanted, cancellation);
     // 3. What they hold.
+    absl::StatusOr<std::string> whole = absl::UnknownError("");  // the last deflated member
     for (std::size_t i = 0; i < reads.size(); ++i) {
-      if (members[i] != nullptr) {
-        parts[i] = status.ok() ? PartOf(*members[i], ranges[i], reads[i].key, *std::move(parts[i]))
-                               : absl::StatusOr<std::string>(status);
+      if (members[i] == nullptr) {
+        continue;
+      }
+      const ZipMember& member = *members[i];
+      if (!status.ok()) {
+        parts[i] = status;
+      } else if (member.method == kStored) {
+        parts[i] = Checked(member, reads[i].key, *std::move(parts[i]));
+      } else {
+        if (!IsAsBefore(members, i)) {
+          whole = Inflate(member, reads[i].key, *parts[i]);
+          whole = whole.ok() ? Checked(member, reads[i].key, *std::move(whole)) : std::move(whole);
+        }
+        parts[i] = whole.ok() ? absl::StatusOr<std::string>(
+                                    whole->substr(static_cast<std::size_t>(ranges[i].begin),
+                                                  static_cast<std::size_t>(ranges[i].size)))
+                              : whole.status();
       }
     }
     return parts;
@@ -324,26 +195,24 @@ class ZipMembers final : public ZipStore {
           NameOf(read.key),
           member.is_encrypted ? "it is encrypted" : absl::StrCat("it has method ", member.method)));
     }
-    if (member.method == kStored && member.packed_bytes != member.bytes) {
-      return absl::DataLossError(absl::StrFormat("%s: stored are %d bytes of %d: it is damaged",
-                                                 NameOf(read.key), member.packed_bytes,
-                                                 member.bytes));
-    }
-    range->begin = read.offset < 0 ? member.bytes + read.offset : read.offset;
-    range->size = read.size < 0 ? member.bytes - range->begin : read.size;
-    if (range->begin < 0 || range->begin > member.bytes ||
-        range->size > member.bytes - range->begin) {
+    range->begin = read.offset < 0 ? member.size_bytes + read.offset : read.offset;
+    range->size = read.size < 0 ? member.size_bytes - range->begin : read.size;
+    if (range->begin < 0 || range->begin > member.size_bytes ||
+        range->size > member.size_bytes - range->begin) {
       return absl::OutOfRangeError(absl::StrFormat("%s: no %d bytes from %d on, of %d",
                                                    NameOf(read.key), read.size, read.offset,
-                                                   member.bytes));
+                                                   member.size_bytes));
     }
-    // A deflated member is in memory as a whole, packed and inflated.
-    const std::int64_t least = member.method == kStored ? range->size : member.bytes;
-    if (least > read.max_size ||
-        (member.method != kStored && member.packed_bytes > MostDeflated(member.bytes))) {
+    // A deflated member is in memory as a whole, packed and inflated, whatever part is asked for.
+    const bool is_part = member.method == kDeflated && read.size >= 0;
+    const std::int64_t least = member.method == kStored ? range->size : member.size_bytes;
+    const std::int64_t most = is_part ? std::max(read.max_size, kMaxPartlyRead) : read.max_size;
+    if (range->size > read.max_size || least > most ||
+        (member.method != kStored && member.stored_bytes > MostDeflated(member.size_bytes))) {
       return absl::ResourceExhaustedError(
-          absl::StrFormat("%s: %d bytes (%d packed); expected at most %d", NameOf(read.key), least,
-                          member.packed_bytes, read.max_size));
+          absl::StrFormat("%s: %d bytes (%d packed); expected at most %d%s", NameOf(read.key),
+                          least, member.stored_bytes, most,
+                          is_part ? ": write the archive again without packing (zip -0)" : ""));
     }
     return &member;
   }
@@ -356,43 +225,45 @@ class ZipMembers final : public ZipStore {
   [[nodiscard]] absl::StatusOr<std::int64_t> DataOf(const ZipMember& member,
                                                     const std::string& head,
                                                     const std::string& key) const {
-    const std::int64_t data = member.place + static_cast<std::int64_t>(kZipLocalBytes) +
+    const std::int64_t data = member.header_offset + static_cast<std::int64_t>(kZipLocalBytes) +
                               ZipNumber<std::uint16_t>(head, 26) +
                               ZipNumber<std::uint16_t>(head, 28);
     if (ZipNumber<std::uint32_t>(head, 0) != kZipLocal || data > bytes_->size_bytes() ||
-        member.packed_bytes > bytes_->size_bytes() - data) {
+        member.stored_bytes > bytes_->size_bytes() - data) {
       return absl::DataLossError(
           absl::StrFormat("%s: %d bytes at %d of %d: the archive is damaged or cut", NameOf(key),
-                          member.packed_bytes, member.place, bytes_->size_bytes()));
+                          member.stored_bytes, member.header_offset, bytes_->size_bytes()));
     }
     return data;
   }
 
-  [[nodiscard]] absl::StatusOr<std::string> PartOf(const ZipMember& member, const ZipRange& range,
-                                                   const std::string& key,
-                                                   std::string packed) const {
-    if (member.method == kDeflated) {
-      ISOSCOPE_ASSIGN_OR_RETURN(packed, Inflate(member, key, packed));
-    }
-    const bool is_whole = static_cast<std::int64_t>(packed.size()) == member.bytes;
+  // True if a read is of the same deflated member as the read before it.
+  [[nodiscard]] static bool IsAsBefore(const std::vector<const ZipMember*>& members,
+                                       std::size_t i) {
+    return i > 0 && members[i] == members[i - 1] && members[i]->method == kDeflated;
+  }
+
+  // The checksum is that of all bytes: parts have none.
+  [[nodiscard]] absl::StatusOr<std::string> Checked(const ZipMember& member, const std::string& key,
+                                                    std::string bytes) const {
+    const bool is_whole = static_cast<std::int64_t>(bytes.size()) == member.size_bytes;
     if (is_whole &&
-        crc32_z(0, reinterpret_cast<const Bytef*>(packed.data()), packed.size()) != member.crc32) {
+        crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()) != member.crc32) {
       return absl::DataLossError(
           absl::StrCat(NameOf(key), ": its checksum is wrong: the archive is damaged"));
     }
-    return member.method == kStored ? std::move(packed)
-                                    : packed.substr(static_cast<std::size_t>(range.begin),
-                                                    static_cast<std::size_t>(range.size));
+    return bytes;
   }
 
   [[nodiscard]] absl::StatusOr<std::string> Inflate(const ZipMember& member, const std::string& key,
                                                     const std::string& packed) const {
     constexpr std::int64_t kMost = std::numeric_limits<uInt>::max();
-    if (member.bytes >= kMost || member.packed_bytes >= kMost) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d bytes that are deflated; expected less than 4 GiB", NameOf(key), member.bytes));
+    if (member.size_bytes >= kMost || member.stored_bytes >= kMost) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: %d bytes that are deflated; expected less than 4 GiB", NameOf(key),
+                          member.size_bytes));
     }
-    std::string out(static_cast<std::size_t>(member.bytes) + 1, '\0');
+    std::string out(static_cast<std::size_t>(member.size_bytes) + 1, '\0');
     z_stream z{};
     if (inflateInit2(&z, -15) != Z_OK) {
       return absl::ResourceExhaustedError("no memory for zlib");
@@ -408,7 +279,7 @@ class ZipMembers final : public ZipStore {
     return is_good ? absl::StatusOr<std::string>(std::move(out))
                    : absl::DataLossError(absl::StrFormat(
                          "%s: it does not inflate to %d bytes: the archive is damaged", NameOf(key),
-                         member.bytes));
+                         member.size_bytes));
   }
 
   const std::shared_ptr<const ByteSource> bytes_;
@@ -462,24 +333,25 @@ absl::StatusOr<std::unique_ptr<ByteSource>> ZipMembers::Open(
   ZipRange range;
   ISOSCOPE_ASSIGN_OR_RETURN(const ZipMember* const member, FindMember(all, &range));
   if (member->method == kStored) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::string head,
-        ReadZip(*bytes_, member->place, static_cast<std::int64_t>(kZipLocalBytes), cancellation));
+    std::string head(kZipLocalBytes, '\0');
+    ISOSCOPE_RETURN_IF_ERROR(
+        bytes_->ReadAt(member->header_offset, head.size(), head.data(), cancellation));
     ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t data, DataOf(*member, head, key));
-    return std::make_unique<ZipWindow>(bytes_, data, member->bytes, "", NameOf(key));
+    return std::make_unique<ZipWindow>(bytes_, data, member->size_bytes, "", NameOf(key));
   }
   const ObjectRead bounded{.key = key, .max_size = kMaxInflated};
   std::vector<absl::StatusOr<std::string>> parts = Read({&bounded, 1}, cancellation);
   ISOSCOPE_RETURN_IF_ERROR(parts[0].status());
-  return std::make_unique<ZipWindow>(bytes_, -1, member->bytes, *std::move(parts[0]), NameOf(key));
+  return std::make_unique<ZipWindow>(bytes_, -1, member->size_bytes, *std::move(parts[0]),
+                                     NameOf(key));
 }
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<ZipStore>> OpenZipStore(std::shared_ptr<const ByteSource> bytes,
                                                        const std::string& folder) {
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      auto members, ReadZipDirectory(*bytes, folder.empty() ? "" : absl::StrCat(folder, "/")));
+  ISOSCOPE_ASSIGN_OR_RETURN(auto members,
+                            MembersBelow(*bytes, folder.empty() ? "" : absl::StrCat(folder, "/")));
   return std::make_unique<ZipMembers>(std::move(bytes), std::move(members));
 }
 

@@ -25,11 +25,12 @@ class ZipStore : public ObjectStore {
 };
 
 // Reads the central directory, Zip64 too. Members are stored, whose ranges are read alone, or
-// deflated: these are inflated as a whole, and must fit max_size of a read. `folder`: keys are names
+// deflated: these are inflated as a whole, and must fit max_size of a read, or 256 MiB if a part of
+// them is read. `folder`: keys are names
 // below it; "" for all.
 //
-// INVALID_ARGUMENT: no ZIP archive; one of several disks; a directory of more than 1 GiB, or that
-// makes no sense. Errors of a read also: INVALID_ARGUMENT for a member that is encrypted or
+// Of two members of one name, as zarr-python writes them, the last one counts. INVALID_ARGUMENT: as
+// ReadZipDirectory, of at most 1 GiB and 20 000 000 members. Errors of a read also: INVALID_ARGUMENT for a member that is encrypted or
 // compressed by another method, with its name; DATA_LOSS: damaged, or another checksum.
 absl::StatusOr<std::unique_ptr<ZipStore>> OpenZipStore(std::shared_ptr<const ByteSource> bytes,
                                                        const std::string& folder = "");

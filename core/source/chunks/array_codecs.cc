@@ -31,6 +31,7 @@ class BytesCodec final : public ChunkCodec {
     }
     return encoded;
   }
+  [[nodiscard]] bool is_identity() const override { return !is_big_endian_ || number_size_ == 1; }
 
  private:
   const std::size_t number_size_;

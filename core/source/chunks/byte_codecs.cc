@@ -3,6 +3,8 @@
 // A compressor is a function that decodes into at most so many bytes as the chunk needs. None asks
 // its stream how long it is: frames of zstd need not say it, and a damaged stream may lie.
 
+#include <lzma.h>
+
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
@@ -34,9 +36,12 @@ absl::Status DamagedStream(absl::string_view what) {
 
 // ---- Compressors. -------------------------------------------------------------------------------
 
+// Each resizes `out`, decodes into it, and resizes it to what there was. A buffer that has the size
+// already, as that of the chunk before, is not filled with zeros first.
+
 // zlib's own or gzip's streams, of which several may follow each other.
 template <int window_bits>
-Bytes InflateChunk(absl::string_view in, std::size_t max_size) {
+absl::Status InflateChunk(absl::string_view in, std::size_t max_size, std::string* out) {
   if (in.size() > std::numeric_limits<uInt>::max() ||
       max_size >= std::numeric_limits<uInt>::max()) {
     return absl::InvalidArgumentError(
@@ -47,17 +52,16 @@ Bytes InflateChunk(absl::string_view in, std::size_t max_size) {
     return absl::ResourceExhaustedError("no memory for zlib");
   }
   const std::unique_ptr<z_stream, int (*)(z_stream*)> ends(&z, inflateEnd);
-  std::string out(max_size + 1, '\0');  // a byte more shows a stream that is too long
+  out->resize(max_size + 1);  // a byte more shows a stream that is too long
   z.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(in.data()));
   z.avail_in = static_cast<uInt>(in.size());
-  z.next_out = reinterpret_cast<Bytef*>(out.data());
-  z.avail_out = static_cast<uInt>(out.size());
+  z.next_out = reinterpret_cast<Bytef*>(out->data());
+  z.avail_out = static_cast<uInt>(out->size());
   while (true) {
     const int result = inflate(&z, Z_FINISH);
     if (result != Z_STREAM_END) {
-      return z.avail_out == 0
-                 ? absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"))
-                 : DamagedStream(z.msg == nullptr ? "the stream has no end" : z.msg);
+      return z.avail_out == 0 ? absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"))
+                              : DamagedStream(z.msg == nullptr ? "the stream has no end" : z.msg);
     }
     if (z.avail_in == 0) {
       break;
@@ -66,33 +70,33 @@ Bytes InflateChunk(absl::string_view in, std::size_t max_size) {
       return DamagedStream("the stream can't be read on");
     }
   }
-  const std::size_t size = out.size() - z.avail_out;
+  const std::size_t size = out->size() - z.avail_out;
   if (size > max_size) {
     return absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"));
   }
-  out.resize(size);
-  return out;
+  out->resize(size);
+  return absl::OkStatus();
 }
 
-Bytes DecodeZstd(absl::string_view in, std::size_t max_size) {
-  std::string out(max_size, '\0');
-  const std::size_t size = ZSTD_decompress(out.data(), out.size(), in.data(), in.size());
+absl::Status DecodeZstd(absl::string_view in, std::size_t max_size, std::string* out) {
+  out->resize(max_size);
+  const std::size_t size = ZSTD_decompress(out->data(), out->size(), in.data(), in.size());
   if (ZSTD_isError(size) != 0) {
     return DamagedStream(ZSTD_getErrorName(size));
   }
-  out.resize(size);
-  return out;
+  out->resize(size);
+  return absl::OkStatus();
 }
 
-Bytes DecodeBz2(absl::string_view in, std::size_t max_size) {
+absl::Status DecodeBz2(absl::string_view in, std::size_t max_size, std::string* out) {
   constexpr std::size_t kMax = std::numeric_limits<unsigned int>::max();
   if (in.size() > kMax || max_size > kMax) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%d bytes of %d; expected less than 4 GiB", in.size(), max_size));
   }
-  std::string out(max_size, '\0');
-  auto size = static_cast<unsigned int>(out.size());
-  const int result = BZ2_bzBuffToBuffDecompress(out.data(), &size, const_cast<char*>(in.data()),
+  out->resize(max_size);
+  auto size = static_cast<unsigned int>(out->size());
+  const int result = BZ2_bzBuffToBuffDecompress(out->data(), &size, const_cast<char*>(in.data()),
                                                 static_cast<unsigned int>(in.size()), 0, 0);
   if (result == BZ_OUTBUFF_FULL) {
     return absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"));
@@ -100,12 +104,41 @@ Bytes DecodeBz2(absl::string_view in, std::size_t max_size) {
   if (result != BZ_OK) {
     return DamagedStream(absl::StrCat("bzip2's error ", result));
   }
-  out.resize(size);
-  return out;
+  out->resize(size);
+  return absl::OkStatus();
+}
+
+// Files of xz, and streams of LZMA without its frame. Both say what their dictionary takes, which
+// is bounded: 64 MiB at the highest level of xz.
+absl::Status DecodeLzma(absl::string_view in, std::size_t max_size, std::string* out) {
+  constexpr std::uint64_t kMaxDictionary = std::uint64_t{128} << 20;
+  lzma_stream stream = LZMA_STREAM_INIT;
+  if (lzma_auto_decoder(&stream, kMaxDictionary, LZMA_CONCATENATED) != LZMA_OK) {
+    return absl::ResourceExhaustedError("no memory for liblzma");
+  }
+  const std::unique_ptr<lzma_stream, void (*)(lzma_stream*)> ends(&stream, lzma_end);
+  out->resize(max_size + 1);  // a byte more shows a stream that is too long
+  stream.next_in = reinterpret_cast<const std::uint8_t*>(in.data());
+  stream.avail_in = in.size();
+  stream.next_out = reinterpret_cast<std::uint8_t*>(out->data());
+  stream.avail_out = out->size();
+  const lzma_ret result = lzma_code(&stream, LZMA_FINISH);
+  if (stream.avail_out == 0) {
+    return absl::DataLossError(absl::StrCat("more than ", max_size, " bytes"));
+  }
+  if (result == LZMA_MEMLIMIT_ERROR) {
+    return absl::DataLossError(absl::StrFormat("its dictionary takes %d bytes; expected at most %d",
+                                               lzma_memusage(&stream), kMaxDictionary));
+  }
+  if (result != LZMA_STREAM_END || stream.avail_in != 0) {
+    return DamagedStream(absl::StrCat("liblzma's error ", static_cast<int>(result)));
+  }
+  out->resize(out->size() - stream.avail_out);
+  return absl::OkStatus();
 }
 
 // numcodecs writes the length in front: 4 bytes.
-Bytes DecodeLz4(absl::string_view in, std::size_t max_size) {
+absl::Status DecodeLz4(absl::string_view in, std::size_t max_size, std::string* out) {
   base::Decoder decoder(in);
   std::uint32_t size = 0;
   if (!decoder.Read(&size)) {
@@ -117,14 +150,14 @@ Bytes DecodeLz4(absl::string_view in, std::size_t max_size) {
         absl::StrFormat("a length of %d; expected at most %d", size, max_size));
   }
   const absl::string_view block = in.substr(sizeof(size));
-  std::string out(size, '\0');
-  const int decoded = LZ4_decompress_safe(block.data(), out.data(),
-                                          static_cast<int>(block.size()), static_cast<int>(size));
-  return decoded == static_cast<int>(size) ? Bytes(std::move(out))
+  out->resize(size);
+  const int decoded = LZ4_decompress_safe(block.data(), out->data(), static_cast<int>(block.size()),
+                                          static_cast<int>(size));
+  return decoded == static_cast<int>(size) ? absl::OkStatus()
                                            : DamagedStream("the block can't be decoded");
 }
 
-Bytes DecodeBlosc(absl::string_view in, std::size_t max_size) {
+absl::Status DecodeBlosc(absl::string_view in, std::size_t max_size, std::string* out) {
   if (in.size() < BLOSC_MIN_HEADER_LENGTH) {
     return DamagedStream(absl::StrCat(in.size(), " bytes without a head"));
   }
@@ -136,28 +169,35 @@ Bytes DecodeBlosc(absl::string_view in, std::size_t max_size) {
     return absl::DataLossError(
         absl::StrFormat("a length of %d; expected at most %d", size, max_size));
   }
-  std::string out(size, '\0');
+  out->resize(size);
   if (size == 0) {
-    return out;
+    return absl::OkStatus();
   }
-  const int decoded = blosc_decompress_ctx(in.data(), out.data(), out.size(), 1);
+  const int decoded = blosc_decompress_ctx(in.data(), out->data(), out->size(), 1);
   if (decoded != static_cast<int>(size)) {
     const char* const library = blosc_cbuffer_complib(in.data());
-    return DamagedStream(absl::StrFormat(
-        "blosc's error %d with %s (it has %s)", decoded,
-        library == nullptr ? "a compressor that it does not know" : library,
-        blosc_list_compressors()));
+    return DamagedStream(
+        absl::StrFormat("blosc's error %d with %s (it has %s)", decoded,
+                        library == nullptr ? "a compressor that it does not know" : library,
+                        blosc_list_compressors()));
   }
-  return out;
+  return absl::OkStatus();
 }
 
 class CompressorCodec final : public ChunkCodec {
  public:
-  using DecodeFunction = Bytes (*)(absl::string_view in, std::size_t max_size);
+  using DecodeFunction = absl::Status (*)(absl::string_view in, std::size_t max_size,
+                                          std::string* out);
   CompressorCodec(DecodeFunction decode, std::int64_t max_size)
       : decode_(decode), max_size_(static_cast<std::size_t>(max_size)) {}
   [[nodiscard]] Bytes Decode(std::string encoded) const override {
-    return decode_(encoded, max_size_);
+    std::string out;
+    absl::Status status = decode_(encoded, max_size_, &out);
+    return status.ok() ? Bytes(std::move(out)) : Bytes(std::move(status));
+  }
+  [[nodiscard]] absl::Status DecodeInto(absl::string_view encoded,
+                                        std::string* out) const override {
+    return decode_(encoded, max_size_, out);
   }
 
  private:
@@ -166,10 +206,10 @@ class CompressorCodec final : public ChunkCodec {
 };
 
 absl::Status CheckAreBytes(const ChunkData& data) {
-  return data.is_array
-             ? absl::InvalidArgumentError(
-                   "encodes bytes, and no codec in front of it makes some; expected \"bytes\" there")
-             : absl::OkStatus();
+  return data.is_array ? absl::InvalidArgumentError(
+                             "encodes bytes, and no codec in front of it makes some; expected "
+                             "\"bytes\" there")
+                       : absl::OkStatus();
 }
 
 template <CompressorCodec::DecodeFunction decode>
@@ -182,6 +222,19 @@ absl::StatusOr<std::unique_ptr<ChunkCodec>> MakeCompressor(const ChunkJson& /*co
   data->size_bytes = MaxCompressedBytes(data->size_bytes);
   data->is_exact = false;
   return codec;
+}
+
+// Python's numbers of formats: any, xz, LZMA alone, and streams without a head.
+absl::StatusOr<std::unique_ptr<ChunkCodec>> MakeLzma(const ChunkJson& configuration,
+                                                     ChunkData* data) {
+  const auto format = configuration.find("format");
+  if (format != configuration.end() && !format->is_null() && *format != 0 && *format != 1 &&
+      *format != 2) {
+    return absl::InvalidArgumentError(
+        "its format is none of 0, 1 and 2: a stream without a head does not tell how to decode it; "
+        "write it as xz (1)");
+  }
+  return MakeCompressor<DecodeLzma>(configuration, data);
 }
 
 // ---- Checksums: four bytes in front or at the end. ----------------------------------------------
@@ -271,8 +324,8 @@ class ShuffleCodec final : public ChunkCodec {
   explicit ShuffleCodec(std::size_t element_size) : element_size_(element_size) {}
   [[nodiscard]] Bytes Decode(std::string encoded) const override {
     if (encoded.size() % element_size_ != 0) {
-      return absl::DataLossError(absl::StrFormat("%d bytes are no elements of %d", encoded.size(),
-                                                 element_size_));
+      return absl::DataLossError(
+          absl::StrFormat("%d bytes are no elements of %d", encoded.size(), element_size_));
     }
     const std::size_t count = encoded.size() / element_size_;
     std::string out(encoded.size(), '\0');
@@ -306,6 +359,42 @@ absl::StatusOr<std::unique_ptr<ChunkCodec>> MakeShuffle(const ChunkJson& configu
       static_cast<std::size_t>(is_given ? found->get<std::int64_t>() : kDefault));
 }
 
+// ---- Bits: 8 to a byte, the highest one first; in front a byte with the number of unused ones. ---
+
+class PackBitsCodec final : public ChunkCodec {
+ public:
+  explicit PackBitsCodec(std::size_t count) : count_(count) {}
+  [[nodiscard]] Bytes Decode(std::string encoded) const override {
+    const std::size_t unused = (8 - count_ % 8) % 8;
+    if (static_cast<unsigned char>(encoded[0]) != unused) {
+      return DamagedStream(absl::StrFormat("%d bits are unused; expected %d",
+                                           static_cast<unsigned char>(encoded[0]), unused));
+    }
+    std::string out(count_, '\0');
+    for (std::size_t i = 0; i < count_; ++i) {
+      const auto byte = static_cast<unsigned char>(encoded[1 + i / 8]);
+      out[i] = static_cast<char>(byte >> (7 - i % 8) & 1U);
+    }
+    return out;
+  }
+
+ private:
+  const std::size_t count_;  // of bools
+};
+
+absl::StatusOr<std::unique_ptr<ChunkCodec>> MakePackBits(const ChunkJson& /*configuration*/,
+                                                         ChunkData* data) {
+  if (data->is_array) {  // Zarr 3 has another one of this name
+    return absl::InvalidArgumentError("it is read as a filter of Zarr 2 alone");
+  }
+  if (data->type != NumberType::kBool || !data->is_exact) {
+    return absl::InvalidArgumentError("it encodes bool alone");
+  }
+  const std::int64_t count = data->size_bytes;
+  data->size_bytes = 1 + count / 8 + (count % 8 == 0 ? 0 : 1);
+  return std::make_unique<PackBitsCodec>(static_cast<std::size_t>(count));
+}
+
 }  // namespace
 
 absl::Span<const CodecRow> ByteCodecs() {
@@ -320,6 +409,8 @@ absl::Span<const CodecRow> ByteCodecs() {
       {"fletcher32", MakeChecksum<Fletcher32Of, false>},
       {"gzip", MakeCompressor<InflateChunk<kGzip>>},
       {"lz4", MakeCompressor<DecodeLz4>},
+      {"lzma", MakeLzma},
+      {"packbits", MakePackBits},
       {"shuffle", MakeShuffle},
       {"zlib", MakeCompressor<InflateChunk<kZlib>>},
       {"zstd", MakeCompressor<DecodeZstd>},

@@ -41,8 +41,7 @@ absl::string_view RefusalOf(absl::string_view name) {
   if (name == "blosc2") {
     return "blosc2, for which Debian has no library";
   }
-  if (name == "zfpy" || name == "zfp" || name == "pcodec" || name == "lzma" || name == "jpeg" ||
-      name == "jpeg2k" || name == "jpegxl" || name == "imagecodecs_jpeg2k") {
+  if (name == "zfpy" || name == "zfp" || name == "pcodec" || name == "jpeg" || name == "jpeg2k" || name == "jpegxl" || name == "imagecodecs_jpeg2k") {
     return "which is not read";
   }
   return "which is unknown";
@@ -143,26 +142,54 @@ absl::StatusOr<CodecChain> CodecChain::Make(absl::Span<const CodecSpec> specs, C
   return chain;
 }
 
-absl::StatusOr<std::string> CodecChain::Decode(std::string encoded) const {
-  std::string bytes = std::move(encoded);
-  for (std::size_t i = codecs_.size() + 1; i-- > 0;) {
-    const ChunkData& stage = stages_[i];
-    const auto size = static_cast<std::int64_t>(bytes.size());
-    if (size > stage.size_bytes || (stage.is_exact && size != stage.size_bytes)) {
-      return absl::DataLossError(absl::StrFormat(
-          "%d bytes%s; expected %s%d: it is damaged or cut", size,
-          i == codecs_.size() ? "" : absl::StrCat(" behind codec \"", names_[i], "\""),
-          stage.is_exact ? "" : "at most ", stage.size_bytes));
-    }
-    if (i > 0) {
-      auto decoded = codecs_[i - 1]->Decode(std::move(bytes));
-      if (!decoded.ok()) {
-        return NamedCodec(names_[i - 1], decoded.status());
-      }
-      bytes = *std::move(decoded);
-    }
-  }
+absl::Status ChunkCodec::DecodeInto(absl::string_view encoded, std::string* out) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(*out, Decode(std::string(encoded)));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::string> CodecChain::Decode(absl::string_view encoded) const {
+  std::string bytes;
+  ISOSCOPE_RETURN_IF_ERROR(DecodeInto(encoded, &bytes));
   return bytes;
+}
+
+absl::Status CodecChain::DecodeInto(absl::string_view encoded, std::string* out) const {
+  ISOSCOPE_RETURN_IF_ERROR(CheckSize(codecs_.size(), encoded.size()));
+  bool is_in_out = false;  // else nothing was decoded yet
+  for (std::size_t i = codecs_.size(); i-- > 0;) {
+    const ChunkCodec& codec = *codecs_[i];
+    if (!codec.is_identity()) {
+      absl::Status status;
+      if (is_in_out) {
+        auto decoded = codec.Decode(std::move(*out));
+        status = decoded.status();
+        *out = decoded.ok() ? *std::move(decoded) : "";
+      } else {
+        status = codec.DecodeInto(encoded, out);
+        is_in_out = true;
+      }
+      if (!status.ok()) {
+        return NamedCodec(names_[i], status);
+      }
+    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckSize(i, is_in_out ? out->size() : encoded.size()));
+  }
+  if (!is_in_out) {
+    out->assign(encoded.data(), encoded.size());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CodecChain::CheckSize(std::size_t stage, std::size_t size) const {
+  const ChunkData& data = stages_[stage];
+  const auto actual = static_cast<std::int64_t>(size);
+  return actual > data.size_bytes || (data.is_exact && actual != data.size_bytes)
+             ? absl::DataLossError(absl::StrFormat(
+                   "%d bytes%s; expected %s%d: it is damaged or cut", actual,
+                   stage == codecs_.size() ? ""
+                                           : absl::StrCat(" behind codec \"", names_[stage], "\""),
+                   data.is_exact ? "" : "at most ", data.size_bytes))
+             : absl::OkStatus();
 }
 
 std::int64_t CodecChain::memory_bytes() const {

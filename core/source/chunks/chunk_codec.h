@@ -9,6 +9,7 @@
 #ifndef ISOSCOPE_CORE_SOURCE_CHUNKS_CHUNK_CODEC_H_
 #define ISOSCOPE_CORE_SOURCE_CHUNKS_CHUNK_CODEC_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -45,6 +46,10 @@ class ChunkCodec {
   // Returns what was encoded. Its chain checks the sizes on both sides. DATA_LOSS: damaged; the
   // message is to follow a name and a colon.
   [[nodiscard]] virtual absl::StatusOr<std::string> Decode(std::string encoded) const = 0;
+  // The same into `out`, whose memory is used again. By default Decode of a copy.
+  [[nodiscard]] virtual absl::Status DecodeInto(absl::string_view encoded, std::string* out) const;
+  // True if Decode returns what it is given.
+  [[nodiscard]] virtual bool is_identity() const { return false; }
 };
 
 // A codec as metadata name it.
@@ -68,7 +73,9 @@ class CodecChain {
 
   // The chunk; exactly decoded().size_bytes. DATA_LOSS: damaged, or of another size. The message is
   // to follow a name and a colon.
-  [[nodiscard]] absl::StatusOr<std::string> Decode(std::string encoded) const;
+  [[nodiscard]] absl::StatusOr<std::string> Decode(absl::string_view encoded) const;
+  // The same into `out`, whose memory is used again: chunk after chunk of one thread takes none.
+  [[nodiscard]] absl::Status DecodeInto(absl::string_view encoded, std::string* out) const;
 
   [[nodiscard]] const ChunkData& decoded() const { return stages_.front(); }
   // What the object holds: no more bytes than these.
@@ -77,6 +84,9 @@ class CodecChain {
   [[nodiscard]] std::int64_t memory_bytes() const;
 
  private:
+  // DATA_LOSS: data have another size than the i-th stage.
+  [[nodiscard]] absl::Status CheckSize(std::size_t stage, std::size_t size) const;
+
   std::vector<std::shared_ptr<const ChunkCodec>> codecs_;
   std::vector<std::string> names_;
   std::vector<ChunkData> stages_ = {ChunkData()};  // before the first codec, behind each

@@ -45,7 +45,7 @@ class ShardCodec final : public ChunkCodec {
     }
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::vector<ShardEntry> entries,
-        layout_->DecodeIndex(encoded.substr(
+        layout_->DecodeIndex(absl::string_view(encoded).substr(
             static_cast<std::size_t>(layout_->is_index_at_end() ? size - layout_->index_bytes() : 0),
             static_cast<std::size_t>(layout_->index_bytes()))));
     const ChunkGrid& grid = layout_->grid();
@@ -67,7 +67,7 @@ class ShardCodec final : public ChunkCodec {
             "chunk %d of the shard has %d bytes from %d on, and the shard ends at %d", number - 1,
             entry.size, entry.offset, size));
       }
-      auto chunk = layout_->chunk_codecs().Decode(encoded.substr(
+      auto chunk = layout_->chunk_codecs().Decode(absl::string_view(encoded).substr(
           static_cast<std::size_t>(entry.offset), static_cast<std::size_t>(entry.size)));
       if (!chunk.ok()) {
         return InShard(absl::StrFormat("chunk %d of the shard", number - 1), chunk.status());
@@ -165,8 +165,8 @@ std::int64_t ShardLayout::max_bytes() const {
   return count < 0 ? kMaxOffset : count * chunk_codecs_.encoded().size_bytes + index_bytes();
 }
 
-absl::StatusOr<std::vector<ShardEntry>> ShardLayout::DecodeIndex(std::string encoded) const {
-  auto decoded = index_codecs_.Decode(std::move(encoded));
+absl::StatusOr<std::vector<ShardEntry>> ShardLayout::DecodeIndex(absl::string_view encoded) const {
+  auto decoded = index_codecs_.Decode(encoded);
   if (!decoded.ok()) {
     return InShard("the index of the shard", decoded.status());
   }

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/types/span.h"
 
 #include "core/source/chunks/chunk_box.h"
@@ -46,7 +47,7 @@ class ShardLayout {
   [[nodiscard]] std::int64_t max_bytes() const;
 
   // DATA_LOSS: damaged; an entry with more bytes than a chunk can have, or at no place of a file.
-  [[nodiscard]] absl::StatusOr<std::vector<ShardEntry>> DecodeIndex(std::string encoded) const;
+  [[nodiscard]] absl::StatusOr<std::vector<ShardEntry>> DecodeIndex(absl::string_view encoded) const;
 
  private:
   ShardLayout(ChunkGrid grid, CodecChain chunk_codecs, CodecChain index_codecs,

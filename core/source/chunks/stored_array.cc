@@ -303,7 +303,7 @@ class StoredArray final : public ChunkedArray {
         Keep(key, nullptr, indexes);
         continue;
       }
-      auto entries = parts[i].ok() ? shards_->DecodeIndex(*std::move(parts[i])) : parts[i].status();
+      auto entries = parts[i].ok() ? shards_->DecodeIndex(*parts[i]) : parts[i].status();
       if (!entries.ok()) {
         return Named(key, entries.status());
       }
@@ -333,16 +333,17 @@ class StoredArray final : public ChunkedArray {
     std::atomic<std::size_t> next{0};
     const std::int64_t lanes = std::min(lanes_, static_cast<std::int64_t>(batch->size()));
     tbb::parallel_for(std::int64_t{0}, lanes, [&](std::int64_t /*lane*/) {
+      std::string numbers;  // of chunk after chunk
       for (std::size_t i = next++; i < batch->size() && !error.has_error(); i = next++) {
         absl::Status status = cancellation.Check();
-        error.Set(status.ok() ? DecodeChunk(box, cache, &(*batch)[i], out) : status);
+        error.Set(status.ok() ? DecodeChunk(box, cache, &(*batch)[i], &numbers, out) : status);
       }
     });
     return error.status();
   }
 
   [[nodiscard]] absl::Status DecodeChunk(const ChunkBox& box, ChunkCache* cache, BatchChunk* chunk,
-                                         char* out) const {
+                                         std::string* numbers, char* out) const {
     const ChunkBox elements = chunks_.ElementsOf(chunk->index);
     ChunkCache::Chunk decoded = std::move(chunk->decoded);
     if (decoded == nullptr && !chunk->is_there) {
@@ -350,21 +351,22 @@ class StoredArray final : public ChunkedArray {
       return absl::OkStatus();
     }
     if (decoded == nullptr) {
-      auto numbers = chunk_codecs().Decode(std::string(chunk->encoded));
+      const absl::Status status = chunk_codecs().DecodeInto(chunk->encoded, numbers);
       chunk->bytes = nullptr;
-      if (!numbers.ok()) {
-        return absl::Status(
-            numbers.status().code(),
-            absl::StrFormat("%s: %s: chunk %s: %s", spec_.name, chunk->key,
-                            DescribeIndex(chunk->index), numbers.status().message()));
+      if (!status.ok()) {
+        return absl::Status(status.code(),
+                            absl::StrFormat("%s: %s: chunk %s: %s", spec_.name, chunk->key,
+                                            DescribeIndex(chunk->index), status.message()));
       }
-      decoded = std::make_shared<const std::string>(*std::move(numbers));
       const bool is_whole = chunk->part == IntersectionOf(elements, BoxOf(spec_.dims));
       if (cache != nullptr && !is_whole) {
+        decoded = std::make_shared<const std::string>(std::move(*numbers));
+        numbers->clear();
         cache->Insert(chunks_.NumberOf(chunk->index), elements, decoded);
       }
     }
-    CopyPart(chunk->part, SizeOf(spec_.type), elements, decoded->data(), box, out);
+    const std::string& bytes = decoded == nullptr ? *numbers : *decoded;
+    CopyPart(chunk->part, SizeOf(spec_.type), elements, bytes.data(), box, out);
     return absl::OkStatus();
   }
 

@@ -1,6 +1,8 @@
 #include "core/formats/zarr/cf_arrays.h"
 
+#include <cstdint>
 #include <string>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -58,6 +60,33 @@ TEST(CfArraysTest, ReadsCoordinates) {
   EXPECT_THAT(described.axes[2].values, ElementsAre(5, 6, 7, 8));
   EXPECT_EQ(described.axes[2].name, "lon");
   EXPECT_THAT(described.coordinates, ElementsAre("z", "lat", "lon"));
+}
+
+TEST(CfArraysTest, ReadsTimesOfNumpy) {
+  const struct {
+    const char* dtype;
+    const char* units;
+    std::vector<double> values;
+  } kTimes[] = {{"<M8[ns]", "seconds since 1970-01-01", {1.5, 2e9}},
+                {"<M8[D]", "days since 1970-01-01", {1.5e9, 2e18}},
+                {"<m8[5s]", "seconds", {7.5e9, 1e19}},
+                {"<m8[W]", "days", {1.05e10, 1.4e19}}};
+  for (const auto& time : kTimes) {
+    SCOPED_TRACE(time.dtype);
+    Objects objects = Store();
+    objects["z/.zarray"] =
+        Zarr2Text({2}, {2}, time.dtype, ", \"fill_value\": -9223372036854775808");
+    objects["z/.zattrs"] = R"({"_ARRAY_DIMENSIONS": ["z"]})";
+    objects["z/0"] = NumberText<std::int64_t>({1500000000, 2000000000000000000});
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CfArray described, Describe(objects));
+    EXPECT_EQ(described.axes[0].fault, "");
+    EXPECT_THAT(described.axes[0].values, ::testing::ElementsAreArray(time.values));
+    EXPECT_EQ(described.axes[0].units, time.units);
+    EXPECT_EQ(CfLetterOf(described.axes[0]), 'T');
+    objects.erase("z/0");  // all are no time
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CfArray none, Describe(objects));
+    EXPECT_THAT(none.axes[0].values, ::testing::Each(::testing::IsNan()));
+  }
 }
 
 TEST(CfArraysTest, SaysWhatIsWrongWithCoordinates) {

@@ -2,6 +2,8 @@
 
 #include <string>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -134,6 +136,51 @@ TEST(OmeImageTest, RefusesAttributesThatMakeNoSense) {
     EXPECT_THAT(OmeImageIn(ZarrJson::parse(bad), "f.zarr"),
                 StatusIs(kInvalid, HasSubstr("f.zarr: OME-Zarr: ")))
         << bad;
+  }
+}
+
+TEST(OmeImageTest, ReadsSeveralImages) {
+  const ZarrJson attributes = ZarrJson::parse(R"({"multiscales": [
+      {"axes": ["z", "y", "x"], "datasets": [{"path": "a"}]},
+      {"axes": ["z", "q", "x"], "datasets": [{"path": "bad"}]},
+      {"axes": ["z", "y", "x"], "datasets": [{"path": "b/0"}, {"path": "b/1"}]}]})");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const OmeImages found, OmeImagesIn(attributes, "f.zarr"));
+  ASSERT_EQ(found.images.size(), 2U);
+  EXPECT_EQ(found.images[1].levels[1].path, "b/1");
+  EXPECT_THAT(found.others, StatusIs(kInvalid, HasSubstr("f.zarr: OME-Zarr: an axis")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, OmeImageIn(attributes, "f.zarr"));
+  EXPECT_EQ(first->levels[0].path, "a");
+}
+
+TEST(OmeImageTest, ReadsNamesAndColoursOfLabels) {
+  const std::string table = R"({"image-label": {"version": "0.4",
+      "colors": [{"label-value": 5, "rgba": [1, 2, 255, 0]}, {"label-value": 1, "rgba": [9, 9, 9]},
+                 {"label-value": 7}, {"label-value": 8, "rgba": [300, 0, 0, 0]}],
+      "properties": [{"label-value": 1, "area": 12, "name": " left lung "},
+                     {"label-value": 2, "class": "tumour", "note": "x"},
+                     {"label-value": 3, "cell type": "T cell", "area": 3},
+                     {"label-value": 4, "a": "x", "b": "y"}]}})";
+  for (const std::string& text : {table, absl::StrCat("{\"ome\": ", table, "}")}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto labels, OmeLabelTableIn(ZarrJson::parse(text)));
+    EXPECT_THAT(
+        labels,
+        ElementsAre(volume::Label{.value = 1,
+                                  .name = "left lung",
+                                  .color = volume::LabelColor{.red = 9, .green = 9, .blue = 9}},
+                    volume::Label{.value = 2, .name = "tumour"},
+                    volume::Label{.value = 3, .name = "T cell"},
+                    volume::Label{.value = 5,
+                                  .color = volume::LabelColor{.red = 1, .green = 2, .blue = 255}}));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, OmeLabelTableIn(ZarrJson::parse("{}")));
+  EXPECT_TRUE(none.empty());
+  for (const char* bad :
+       {R"({"image-label": {"colors": 3}})", R"({"image-label": {"colors": [3]}})",
+        R"({"image-label": {"properties": [{"name": "a"}]}})",
+        R"({"image-label": {"colors": [{"label-value": NULL}]}})",
+        R"({"image-label": {"colors": [{"label-value": "NaN"}]}})"}) {
+    const ZarrJson json = ZarrJson::parse(absl::StrReplaceAll(bad, {{"NULL", "null"}}));
+    EXPECT_THAT(OmeLabelTableIn(json), StatusIs(kInvalid, HasSubstr("image-label"))) << bad;
   }
 }
 

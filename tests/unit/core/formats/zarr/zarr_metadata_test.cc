@@ -90,6 +90,24 @@ TEST(ZarrMetadataTest, ReadsKeysAndFills) {
   EXPECT_EQ(v3.attributes["a"], 1);
 }
 
+TEST(ZarrMetadataTest, ReadsTimesOfNumpy) {
+  const std::string text = absl::StrReplaceAll(
+      Zarr3Text({4}, {2}, "TYPE", ", \"fill_value\": \"NaT\""),
+      {{"\"TYPE\"", R"({"name": "numpy.datetime64", "configuration": {"unit": "ms",
+                        "scale_factor": 10}})"}});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrArray array, Parse3(text));
+  ASSERT_TRUE(array.time.has_value());
+  EXPECT_EQ(array.type, NumberType::kInt64);
+  EXPECT_EQ(array.time->units, "seconds since 1970-01-01");
+  EXPECT_EQ(array.time->multiple, 10);
+  EXPECT_EQ(array.time->divisor, 1000);
+  EXPECT_EQ(absl::BytesToHexString(array.fill), "0000000000000080");
+  EXPECT_THAT(Parse3(absl::StrReplaceAll(text, {{"\"ms\"", "\"generic\""}})),
+              StatusIs(kInvalid, HasSubstr("f:a/b: times of 10 \"generic\"")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrArray numbers, Parse2(Zarr2Text({4}, {2}, "<u2")));
+  EXPECT_FALSE(numbers.time.has_value());
+}
+
 TEST(ZarrMetadataTest, RefusesByName) {
   const std::string good2 = Zarr2Text({4, 4}, {2, 2}, "<u2");
   const struct {
@@ -104,7 +122,10 @@ TEST(ZarrMetadataTest, RefusesByName) {
                 {"\"chunks\"", "\"junks\"", "chunks is missing"},
                 {"\"<u2\"", "\"<c8\"", "<c8"},
                 {"\"<u2\"", "[[\"a\", \"<u2\"]]", "dtype"},
-                {"\"<u2\"", "\"<M8[ns]\"", "M8"},
+                {"\"<u2\"", "\"<M8[Y]\"", "years and months"},
+                {"\"<u2\"", "\"<M8\"", "years and months"},
+                {"\"<u2\"", "\"<m8[0s]\"", "times of 0"},
+                {"\"<u2\"", "\"<m8[99999999999s]\"", "times of 1"},
                 {"\"fill_value\": 0", "\"fill_value\": 70000", "70000"},
                 {"\"fill_value\": 0", "\"fill_value\": \"AAA=\"", "fill_value"},
                 {"\"order\": \"C\"", "\"order\": \"K\"", "order"},

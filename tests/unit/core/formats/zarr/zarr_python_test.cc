@@ -54,7 +54,8 @@ for i, dtype in enumerate(types):
         add("type%d%s" % (i, order), numbers(dtype), (2, 3, 4), order=order,
             compressor=numcodecs.Zlib(1), dimension_separator="./"[i % 2])
 compressors = [None, numcodecs.GZip(3), numcodecs.Zlib(6), numcodecs.BZ2(2), numcodecs.LZ4(),
-               numcodecs.Zstd(5)]
+               numcodecs.Zstd(5), numcodecs.LZMA(), numcodecs.LZMA(format=2),
+               numcodecs.LZMA(filters=[dict(id=3, dist=2), dict(id=33, preset=1)])]
 compressors += [numcodecs.Blosc(cname=c, clevel=l, shuffle=s)
                 for c in ("blosclz", "lz4", "lz4hc", "zlib", "zstd", "snappy")
                 for l in (0, 5) for s in (0, 1, 2)]
@@ -74,6 +75,8 @@ reals = [[numcodecs.FixedScaleOffset(offset=-3, scale=10, dtype="<f8", astype="<
          [numcodecs.AsType(encode_dtype="<f4", decode_dtype="<f8")]]
 for i, chain in enumerate(reals):
     add("real%d" % i, numbers(">f8" if i == 2 else "<f8"), (2, 3, 4), filters=chain)
+for i, shape in enumerate([(5, 7, 9), (4, 4, 4)]):
+    add("bits%d" % i, numbers("|b1", shape), (2, 3, 4), filters=[numcodecs.PackBits()])
 for i, fill in enumerate([3, -7.5, float("nan"), float("inf"), None]):
     array = root.create_dataset("fill%d" % i, shape=(5, 7, 9), dtype="<f4", chunks=(2, 3, 4),
                                 fill_value=fill)

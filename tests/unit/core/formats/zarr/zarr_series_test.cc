@@ -139,6 +139,52 @@ TEST(ZarrSeriesTest, ListsTheFilesThatDecide) {
   EXPECT_THAT(FilesOfZarr(root, "s0/none", ""), StatusIs(absl::StatusCode::kNotFound));
 }
 
+TEST(ZarrSeriesTest, ListsTheFilesOfAStep) {
+  const testing::TempDir dir;
+  Objects objects = Image();
+  const std::string root = WriteStore(dir, "scan.zarr", objects);
+  const auto files_of = [&](int step) -> std::vector<std::string> {
+    auto store = OpenLocalZarr(root);
+    auto series = OpenZarrSeries(*std::move(store), "s1", "");
+    auto files = (*series)->FilesOfStep(step);
+    return files.ok() && files->has_value() ? **files : std::vector<std::string>{"none"};
+  };
+  EXPECT_THAT(files_of(0), ElementsAre(root + "/s1/c/0/0/0/0/0", root + "/s1/c/0/1/0/0/0",
+                                       root + "/s1/zarr.json", root + "/zarr.json"));
+  EXPECT_THAT(files_of(1), ElementsAre(root + "/s1/c/1/0/0/0/0", root + "/s1/c/1/1/0/0/0",
+                                       root + "/s1/zarr.json", root + "/zarr.json"));
+  // Chunks of two steps each: a file counts for both. One that is no chunk counts for all.
+  dir.Write("scan.zarr/s1/zarr.json", Zarr3Text({2, 2, 2, 3, 4}, {2, 1, 2, 3, 4}, "uint16"));
+  dir.Write("scan.zarr/s1/c/0/x", "?");
+  EXPECT_THAT(files_of(1),
+              ElementsAre(root + "/s1/c/0/0/0/0/0", root + "/s1/c/0/1/0/0/0", root + "/s1/c/0/x",
+                          root + "/s1/zarr.json", root + "/zarr.json"));
+  // Without steps, and in memory, all files count.
+  dir.Write("one.zarr/.zarray", Zarr2Text({2, 3, 4}, {2, 3, 4}, "<u2"));
+  auto one = OpenZarrSeries(*OpenLocalZarr(dir.Sub("one.zarr")), "", "");
+  ISOSCOPE_ASSERT_OK(one);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, (*one)->FilesOfStep(0));
+  EXPECT_FALSE(all.has_value());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto in_memory, OpenSeries(objects));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, in_memory->FilesOfStep(0));
+  EXPECT_FALSE(none.has_value());
+}
+
+TEST(ZarrSeriesTest, NamesLabels) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto store,
+      testing::OpenObjects(
+          {{"zarr.json", Zarr3Group(R"({"ome": {"multiscales": [{"axes": ["z", "y", "x"],
+                "datasets": [{"path": "0"}]}], "image-label": {"colors": [{"label-value": 2,
+                "rgba": [1, 2, 3, 255]}]}}})")},
+           {"0/zarr.json", Zarr3Text({2, 3, 4}, {2, 3, 4}, "uint16")}}));
+  for (const char* part : {"", "0"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto labels, ZarrLabelsOf(store.get(), part));
+    ASSERT_EQ(labels.size(), 1U);
+    EXPECT_EQ(labels[0].color, (volume::LabelColor{.red = 1, .green = 2, .blue = 3}));
+  }
+}
+
 TEST(ZarrSeriesTest, OpensArchives) {
   const testing::TempDir dir;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto expected_series, OpenSeries(Image(), "GFP"));
@@ -151,6 +197,7 @@ TEST(ZarrSeriesTest, OpensArchives) {
         zip.Add(folder + key, bytes, is_deflated);
       }
       const std::string path = dir.Write("scan.ozx", zip.Finish());
+      EXPECT_TRUE(IsZarrArchive(path));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto store, OpenLocalZarr(path));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenZarrSeries(std::move(store), "GFP", ""));
       EXPECT_EQ(series->info().name, path);
@@ -165,7 +212,10 @@ TEST(ZarrSeriesTest, OpensArchives) {
   other.Add("readme.txt", "hello", false);
   EXPECT_THAT(OpenLocalZarr(dir.Write("other.zip", other.Finish())),
               StatusIs(kInvalid, HasSubstr("without a Zarr store")));
+  EXPECT_FALSE(IsZarrArchive(dir.Sub("other.zip")));
   EXPECT_THAT(OpenLocalZarr(dir.Write("bad.zip", "PK")), StatusIs(kInvalid));
+  EXPECT_FALSE(IsZarrArchive(dir.Sub("bad.zip")));
+  EXPECT_FALSE(IsZarrArchive(dir.Sub("none.zip")));
 }
 
 }  // namespace

@@ -17,6 +17,8 @@ using ::isoscope::testing::MemoryStore;
 using ::isoscope::testing::Objects;
 using ::isoscope::testing::PlainArray;
 using ::isoscope::testing::ReadAll;
+using ::isoscope::testing::StatusIs;
+using ::testing::_;
 
 // Rows of every length, of a component in the middle of the axes.
 TEST(ZarrSourceTest, ReadsRows) {
@@ -52,6 +54,51 @@ TEST(ZarrSourceTest, ReadsRows) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 1));
   EXPECT_EQ(read, all);
   EXPECT_EQ(store->TakeReads().size(), 18U);  // 3 x 2 x 3, those of the component alone
+}
+
+TEST(ZarrSourceTest, ReadsBandsAndHeedsCancellation) {
+  const PlainArray array = PlainArray::Counting({5, 6, 7}, 2);
+  Objects objects;
+  testing::AddChunks("", array, {.chunk_dims = {2, 4, 3}, .fill = std::string(2, '\0')}, false,
+                     &objects);
+  ZarrArray metadata{.dims = {5, 6, 7},
+                     .chunk_dims = {2, 4, 3},
+                     .type = NumberType::kUint16,
+                     .fill = std::string(2, '\0'),
+                     .codecs = {{.name = "bytes"}},
+                     .separator = '.'};
+  const auto store = std::make_shared<const MemoryStore>(objects);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::shared_ptr<const ChunkedArray> chunks,
+                                OpenStoredArray(store, metadata.SpecOf("a")));
+  const auto source = MakeZarrSource(
+      {.name = "a", .geometry = {.sample_dims = {7, 6, 5}, .origin = {}, .direction = {}}}, chunks,
+      {.space = {0, 1, 2}, .index = {0, 0, 0}}, {});
+  EXPECT_EQ(source->info().planes_at_once, 2);
+  for (std::int64_t z = 0; z < 5; ++z) {
+    for (std::int64_t end_z = z + 1; end_z <= 5; ++end_z) {
+      for (std::int64_t y = 0; y < 6; ++y) {
+        for (std::int64_t end_y = y + 1; end_y <= 6; ++end_y) {
+          std::string band(static_cast<std::size_t>(14 * (end_z - z) * (end_y - y)), '?');
+          ISOSCOPE_ASSERT_OK(source->ReadBand(z, end_z, y, end_y, band.data()));
+          ASSERT_EQ(band, array.Cut({.begin = {z, y, 0}, .end = {end_z, end_y, 7}}, ""));
+        }
+      }
+    }
+  }
+  // A band of the planes of a layer reads its chunks once.
+  (void)store->TakeReads();
+  std::string band(14 * 2 * 6, '?');
+  ISOSCOPE_ASSERT_OK(source->ReadBand(2, 4, 0, 6, band.data()));
+  EXPECT_EQ(store->TakeReads().size(), 6U);
+  base::Cancellation cancelled;
+  cancelled.Cancel();
+  {
+    const CancellableReads reads(source.get(), cancelled);
+    EXPECT_THAT(source->ReadRows(0, 6, band.data()), StatusIs(absl::StatusCode::kCancelled, _));
+    EXPECT_THAT(source->ReadBand(2, 4, 0, 6, band.data()),
+                StatusIs(absl::StatusCode::kCancelled, _));
+  }
+  ISOSCOPE_EXPECT_OK(source->ReadRows(0, 6, band.data()));
 }
 
 TEST(ZarrSourceTest, ServesTypesThatNoVolumeHas) {

@@ -2,6 +2,9 @@
 
 #include <string>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/substitute.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -193,6 +196,64 @@ TEST(ZarrVolumesTest, ReadsOmeZarr) {
     EXPECT_EQ(plain.geometry->spacing, (math::Vec3d{1, 1, 1}));
     EXPECT_EQ(plain.info.fields[0].components.size(), 2U);
   }
+}
+
+TEST(ZarrVolumesTest, ChoosesAnImageOfSeveral) {
+  const auto image = [](const char* path, int scale) {
+    return absl::Substitute(
+        R"({"axes": ["z", "y", "x"], "datasets": [{"path": "$0", "coordinateTransformations":
+            [{"type": "scale", "scale": [$1, $1, $1]}]}]})",
+        path, scale);
+  };
+  Objects objects = {
+      {"zarr.json", Zarr3Group(absl::StrCat(R"({"ome": {"version": "0.5", "multiscales": [)",
+                                            image("a", 2), ", ", image("b", 3), "]}}"))},
+      {"a/zarr.json", Zarr3Text({4, 6, 8}, {4, 6, 8}, "uint16")},
+      {"b/zarr.json", Zarr3Text({2, 3, 4}, {2, 3, 4}, "uint16")},
+      {"c/zarr.json", Zarr3Text({2, 3, 4}, {2, 3, 4}, "uint16")}};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrVolumes first, Find(objects));
+  EXPECT_THAT(first.info.fields_elsewhere, ElementsAre("b"));
+  EXPECT_EQ(first.geometry->spacing, (math::Vec3d{2, 2, 2}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrVolumes second, Find(objects, {.path = "b"}));
+  EXPECT_THAT(second.info.fields_elsewhere, ElementsAre("a"));
+  EXPECT_EQ(second.geometry->spacing, (math::Vec3d{3, 3, 3}));
+  EXPECT_EQ(second.geometry->sample_dims, (math::Index3{4, 3, 2}));
+  // A level of an image that can't be read is no plain array.
+  objects["zarr.json"] = Zarr3Group(absl::StrCat(R"({"ome": {"version": "0.5", "multiscales": [)",
+                                                 image("a", 2), R"(, {"datasets": []}]}})"));
+  EXPECT_THAT(Find(objects, {.path = "b"}), StatusIs(kInvalid, HasSubstr("list of datasets")));
+  ISOSCOPE_EXPECT_OK(Find(objects));
+}
+
+TEST(ZarrVolumesTest, FindsLabels) {
+  Objects objects = Ome(true);
+  const std::string plain = objects["labels/cells/zarr.json"];
+  objects["labels/cells/zarr.json"] =
+      absl::StrReplaceAll(plain, {{R"("image-label": {})", R"("image-label": {"properties":
+                                      [{"label-value": 3, "name": "nucleus"}]})"}});
+  ASSERT_NE(objects["labels/cells/zarr.json"], plain);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto store, OpenObjects(objects));
+  for (const char* path : {"labels/cells", "labels/cells/0"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto labels, FindZarrLabels(store.get(), path));
+    EXPECT_THAT(labels, ElementsAre(volume::Label{.value = 3, .name = "nucleus"}));
+  }
+  for (const char* path : {"", "0", "labels"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto labels, FindZarrLabels(store.get(), path));
+    EXPECT_THAT(labels, IsEmpty());
+  }
+  EXPECT_THAT(FindZarrLabels(store.get(), "none"), StatusIs(absl::StatusCode::kNotFound));
+}
+
+// An array of times alone is no volume, and beside others a coordinate.
+TEST(ZarrVolumesTest, TakesTimesOfNumpy) {
+  Objects objects = Xarray();
+  objects["time/.zarray"] = Zarr2Text({2}, {2}, "<M8[h]");
+  objects["time/.zattrs"] = R"({"_ARRAY_DIMENSIONS": ["time"]})";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrVolumes volumes, Find(objects));
+  EXPECT_THAT(volumes.info.times, ElementsAre(3, 5));
+  EXPECT_EQ(volumes.info.time_unit, "hours since 1970-01-01");
+  EXPECT_THAT(Find({{".zarray", Zarr2Text({2, 3, 4}, {2, 3, 4}, "<m8[s]")}}),
+              StatusIs(kInvalid, HasSubstr("an array of times")));
 }
 
 TEST(ZarrVolumesTest, GoesToTheFirstImageOfACollection) {

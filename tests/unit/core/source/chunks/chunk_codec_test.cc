@@ -105,6 +105,13 @@ const KnownAnswer kOfThousands[] = {
      "4b10d1750000e803d007b80ba00f88137017581b401f28231027f82ae02ec832b036983a803e68425046384a204e0"
      "85"
      "2f055d859"},
+    {"lzma", "{\"format\": 1}",
+     "fd377a585a000004e6d6b4460200210116000000742fe5a301002f0000e803d007b80ba00f88137017581b401f28"
+     "231027f82ae02ec832b036983a803e68425046384a204e0852f055d85900dbcc535534aaaa3d000148308a40ff3e"
+     "1fb6f37d010000000004595a"},
+    {"lzma", "{\"format\": 2}",
+     "5d00008000ffffffffffffffff0000639e784f74520616ccc5e038f5c6367f52e68c35af1e18294819d7bd64399a"
+     "5ad42fbc09ce946a4b29d1c8971f843fdd8275a45f47d60ffffbeea000"},
     {"delta", "{\"dtype\": \"<u2\"}",
      "0000e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e803e"
      "8"
@@ -242,6 +249,48 @@ TEST(ChunkCodecTest, DecodesZstdWithoutASizeAndSeveralFrames) {
       const std::string members,
       Decode(Codec("gzip"), testing::Gzip(bytes.substr(0, 7)) + testing::Gzip(bytes.substr(7))));
   EXPECT_EQ(members, bytes);
+}
+
+TEST(ChunkCodecTest, UnpacksBitsAsNumcodecs) {
+  const auto decode = [](const std::string& hex, std::int64_t count) {
+    return Decode(Codec("packbits"), absl::HexStringToBytes(hex), NumberType::kBool, count);
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bits, decode("06b1c0", 10));
+  EXPECT_EQ(absl::BytesToHexString(bits), "01000101000000010101");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string whole, decode("00b1", 8));
+  EXPECT_EQ(absl::BytesToHexString(whole), "0100010100000001");
+  EXPECT_THAT(decode("05b1c0", 10), StatusIs(kDataLoss, HasSubstr("5 bits are unused")));
+  for (const char* bad : {"", "06b1", "06b1c000"}) {
+    EXPECT_THAT(decode(bad, 10), StatusIs(kDataLoss)) << bad;
+  }
+  EXPECT_THAT(Decode(Codec("packbits"), "", NumberType::kUint8, 8), StatusIs(kInvalid));
+  // A stream of LZMA whose head asks for a dictionary of 4 GiB.
+  EXPECT_THAT(Decode(Codec("lzma"), absl::HexStringToBytes("5dffffffffffffffffffffffff00")),
+              StatusIs(kDataLoss));
+  EXPECT_THAT(Decode(Codec("lzma", "{\"format\": 3}"), ""), StatusIs(kInvalid, HasSubstr("xz")));
+}
+
+// A buffer of another size, with other bytes, changes nothing.
+TEST(ChunkCodecTest, DecodesIntoABufferThatWasUsed) {
+  for (const KnownAnswer& known : kOfThousands) {
+    SCOPED_TRACE(known.name);
+    const std::vector<CodecSpec> specs = {Codec("bytes"), Codec(known.name, known.configuration)};
+    const auto chain =
+        CodecChain::Make(specs, ArrayData({24}, NumberType::kUint16, std::string(2, '\0')));
+    if (!chain.ok()) {
+      continue;  // one of numbers
+    }
+    const std::string encoded = absl::HexStringToBytes(known.hex);
+    std::string out;
+    for (const std::size_t size : {0U, 3U, 48U, 1000U}) {
+      out.assign(size, '\x55');
+      ISOSCOPE_ASSERT_OK(chain->DecodeInto(encoded, &out));
+      EXPECT_EQ(out, Thousands());
+    }
+    EXPECT_THAT(chain->DecodeInto(absl::string_view(encoded).substr(1), &out), StatusIs(kDataLoss));
+    ISOSCOPE_EXPECT_OK(chain->DecodeInto(encoded, &out));
+    EXPECT_EQ(out, Thousands());
+  }
 }
 
 TEST(ChunkCodecTest, ChecksCrc32c) {
