@@ -1,6 +1,7 @@
 """What `isoscope.serve` takes: arrays of numpy and dask, xarray by its coordinates; the rest is refused by its type."""
 
 import collections
+import errno
 import importlib
 import importlib.util
 import struct
@@ -75,6 +76,7 @@ def test_masked_samples_of_dask_are_not_taken_for_values(dask_array, tmp_path):
     with open(tmp_path / "samples", "wb") as file:
         with pytest.raises(InvalidArgumentError, match="2 masked samples.*filled"):
             samples.write_samples(file, dask_array.from_array(masked, chunks=2, asarray=False), np.dtype("<f8"))
+    with open(tmp_path / "samples", "wb") as file:
         samples.write_samples(file, dask_array.from_array(masked[1:], chunks=2, asarray=False), np.dtype("<f8"))
     assert np.array_equal(np.fromfile(tmp_path / "samples", "<f8"), np.arange(9.0, 27.0))
 
@@ -82,29 +84,124 @@ def test_masked_samples_of_dask_are_not_taken_for_values(dask_array, tmp_path):
 # ---- parts of arrays
 
 
-@pytest.mark.parametrize("shape", [(1,), (7,), (5, 4), (1, 6, 3), (3, 1, 2, 5)])
+SHAPES = [(1,), (7,), (5, 4), (1, 6, 3), (3, 1, 2, 5), (4, 6, 5), (2, 3, 4, 5, 2)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("limit", [1, 16, 40, 10_000])
-@pytest.mark.parametrize("is_chunked", [False, True])
-def test_parts_follow_each_other_in_the_order_of_the_file(monkeypatch, tmp_path, shape, limit, is_chunked):
+def test_parts_follow_each_other_in_the_order_of_the_file(monkeypatch, tmp_path, shape, limit):
     monkeypatch.setattr(samples, "_PART_BYTES", limit)
     array = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
-    chunks = tuple((2,) * (side // 2) + (1,) * (side % 2) for side in shape)
-    source = array
-    if is_chunked:
-
-        class Chunked(np.ndarray):
-            pass
-
-        source = array.view(Chunked)
-        source.chunks = chunks
-        parts = list(samples._parts(shape, 4, chunks))
-        # No chunk is in two parts, unless it has one element along the first axis.
-        assert all(index[0].stop - index[0].start == 1 for index in parts if len(index) > 1)
-    with open(tmp_path / "samples", "wb") as file:
+    with open(tmp_path / "samples", "w+b") as file:
         file.write(b"head")
-        samples.write_samples(file, source, np.dtype(">i4"))
+        samples.write_samples(file, array, np.dtype(">i4"))
+        file.write(b"tail")
     data = (tmp_path / "samples").read_bytes()
-    assert data[:4] == b"head" and (np.frombuffer(data, ">i4", offset=4) == array.ravel()).all()
+    assert data[:4] == b"head" and data[-4:] == b"tail"
+    assert (np.frombuffer(data[4:-4], ">i4") == array.ravel()).all()
+
+
+class Lazy:
+    """An array whose chunks are counted."""
+
+    def __init__(self, array, chunks, dtype=None):
+        self.shape, self.dtype, self.chunks = array.shape, array.dtype if dtype is None else np.dtype(dtype), chunks
+        self.array, self.counts, self.most = array, np.zeros(array.shape, int), 0
+
+    def compute(self, indices):
+        self.most = max(self.most, sum(self.array[index].nbytes for index in indices))
+        for index in indices:
+            self.counts[index] += 1
+        return [self.array[index] for index in indices]
+
+
+def random_chunks(rng, side):
+    ends = sorted({side, *rng.integers(1, side + 1, 3).tolist()})
+    return np.diff([0, *ends]).tolist()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("mode", ["wb", "w+b"])  # a file that is not read can't be mapped
+@pytest.mark.parametrize("run_bytes", [0, 12, 1 << 20])
+def test_chunks_land_at_their_places_each_computed_once_few_at_a_time(monkeypatch, tmp_path, shape, mode, run_bytes):
+    monkeypatch.setattr(samples, "_RUN_BYTES", run_bytes)
+    rng = np.random.default_rng(len(shape) + run_bytes)
+    array = rng.integers(0, 1000, shape).astype(np.int16)
+    for batch_bytes in (1, 50, 10_000):
+        monkeypatch.setattr(samples, "_BATCH_BYTES", batch_bytes)
+        chunks = [random_chunks(rng, side) for side in shape]
+        lazy = Lazy(array, chunks)
+        with open(tmp_path / "samples", mode) as file:
+            file.write(b"head")
+            samples.write_samples(file, lazy, np.dtype(">f4"))
+            file.write(b"tail")
+        data = (tmp_path / "samples").read_bytes()
+        assert data[:4] == b"head" and data[-4:] == b"tail" and (lazy.counts == 1).all()
+        assert (np.frombuffer(data[4:-4], ">f4") == array.ravel()).all()
+        largest = 2 * np.prod([max(sizes) for sizes in chunks])
+        assert lazy.most <= max(batch_bytes, largest)
+
+
+def test_runs_beyond_a_page_land_through_maps(tmp_path):
+    array = np.random.default_rng(8).integers(0, 255, (5, 70, 3000), np.uint8)
+    lazy = Lazy(array, [[2, 3], [33, 37], [1000, 700, 1300]])
+    with open(tmp_path / "samples", "w+b") as file:
+        file.write(b"x" * 4097)
+        samples.write_samples(file, lazy, np.dtype("u1"))
+    assert np.array_equal(np.fromfile(tmp_path / "samples", "u1", offset=4097), array.ravel())
+
+
+def test_a_chunk_of_another_type_or_shape_than_the_array_says_is_refused(tmp_path):
+    array = np.zeros((2, 3, 4))
+    with open(tmp_path / "samples", "w+b") as file:
+        with pytest.raises(InvalidArgumentError, match=r"samples \[0:2, 0:3, 0:4\] are of float64.*it is of int16.*dtype"):
+            samples.write_samples(file, Lazy(array, [[2], [3], [4]], "int16"), np.dtype("<i2"))
+        wrong = Lazy(array, [[2], [3], [4]])
+        wrong.shape, wrong.chunks = (2, 3, 5), [[2], [3], [5]]
+        with pytest.raises(InvalidArgumentError, match=r"have the shape \(2, 3, 4\), .* promises \(2, 3, 5\)"):
+            samples.write_samples(file, wrong, np.dtype("<f8"))
+
+
+def test_samples_without_room_are_refused_before_they_are_computed(monkeypatch, tmp_path):
+    def full(descriptor, begin, size):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(samples.os, "posix_fallocate", full)
+    lazy = Lazy(np.zeros((2, 3, 4)), [[2], [3], [4]])
+    with open(tmp_path / "samples", "w+b") as file:
+        with pytest.raises(isoscope.ResourceExhaustedError, match=f"192 bytes .* {tmp_path}: No space.*TMPDIR"):
+            samples.write_samples(file, lazy, np.dtype("<f8"))
+    assert not lazy.counts.any()
+
+
+def test_a_file_system_that_reserves_nothing_is_written_without_maps(monkeypatch, tmp_path):
+    def unknown(descriptor, begin, size):
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(samples.os, "posix_fallocate", unknown)
+    monkeypatch.setattr(samples, "_map_planes", None)
+    array = np.arange(60).reshape(3, 4, 5)
+    with open(tmp_path / "samples", "w+b") as file:
+        samples.write_samples(file, Lazy(array, [[3], [2, 2], [3, 2]]), np.dtype("<i8"))
+    assert np.array_equal(np.fromfile(tmp_path / "samples", "<i8"), array.ravel())
+
+
+@pytest.mark.parametrize(
+    "shape, chunk, expected",
+    [
+        ((10, 10, 10), (1, 1, 1), [[1] * 10, [10], [10]]),  # a part has up to 100 samples
+        ((4, 10, 5), (1, 1, 1), [[2, 2], [10], [5]]),
+        ((4, 10, 50), (1, 1, 1), [[1] * 4, [2] * 5, [50]]),
+        ((8, 8, 8), (4, 4, 4), [[4, 4], [4, 4], [4, 4]]),
+        ((8, 8, 8), (2, 4, 4), [[2] * 4, [4, 4], [8]]),
+        ((9, 9, 9), (5, 5, 5), [[5, 4], [5, 4], [5, 4]]),
+        ((3, 3), (100, 100), [[3], [3]]),
+        ((0, 3), (2, 2), [[], [3]]),
+    ],
+)  # fmt: skip
+def test_parts_of_a_store_are_whole_chunks(monkeypatch, shape, chunk, expected):
+    monkeypatch.setattr(samples, "_PART_BYTES", 200)
+    assert samples.whole_chunks(shape, chunk, 2) == expected
 
 
 def test_a_chunk_of_dask_is_computed_once(dask_array, monkeypatch, tmp_path):
