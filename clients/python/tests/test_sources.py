@@ -12,7 +12,7 @@ import pytest
 
 import isoscope
 import skips
-from isoscope._serving import netcdf_file, samples
+from isoscope._serving import netcdf_file, progress, samples
 from isoscope._serving.netcdf_file import Variable
 from isoscope.errors import InvalidArgumentError, ProgramError
 
@@ -56,7 +56,7 @@ class Tensor:
 def test_a_source_of_another_type_is_refused_with_what_is_taken(source, words):
     with pytest.raises(InvalidArgumentError, match=words) as caught:
         isoscope.serve(source)
-    for taken in ("path", "numpy or dask array", "dict", "xarray DataArray or Dataset"):
+    for taken in ("path", "address", "numpy or dask array", "dict", "xarray DataArray or Dataset", "zarr", "fsspec"):
         assert taken in str(caught.value)
     assert ("numpy.asarray" in str(caught.value)) == ("numpy.asarray" in words)
 
@@ -360,6 +360,124 @@ def test_variables_of_another_grid_are_told(programs, xarray):
         assert [field.name for field in client.dataset().fields] == ["u", "v"]
     with pytest.warns(UserWarning, match="'w'"):
         isoscope.serve(source[["u", "w"]]).close()
+
+
+def field_and_coordinates():
+    """array[z, y, x] with a hole, and its coordinates: spacing (0.5, 0.25, 2), origin (10, 5, -3)."""
+    z, y, x = np.mgrid[0:12, 0:14, 0:16]
+    values = np.sin(z / 3) + np.cos(y / 4) + np.sin(x / 5) + 3
+    return values, {"x": 10 + 0.5 * np.arange(16), "y": 5 + 0.25 * np.arange(14), "z": 2.0 * np.arange(12) - 3}
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "uint16", "int32", "int64", "float16", "float32", "float64"])
+def test_pictures_of_a_dataarray_are_those_of_its_array(programs, xarray, dtype):
+    values, coordinates = field_and_coordinates()
+    values = (values * 40).astype(dtype)
+    if dtype[0] == "f":
+        values[5, 6, 7] = np.nan
+    array = xarray.DataArray(values, dims=("z", "y", "x"), coords=coordinates)
+    turned = array.isel(y=slice(None, None, -1)).transpose("x", "z", "y")
+    grid = {"spacing": (0.5, 0.25, 2), "origin": (10, 5, -3)}
+    pictures = []
+    for source, how in ((values, grid), (array, {}), (turned, {}), (array.chunk({"z": 5, "x": 7}), {})):
+        with isoscope.serve(source, **how) as client:
+            dataset = client.dataset()
+            assert (dataset.spacing, dataset.origin) == ((0.5, 0.25, 2), (10, 5, -3))
+            pictures.append(dataset.render(120, size=64).png)
+    assert len(set(pictures)) == 1
+
+
+@pytest.mark.parametrize(
+    "dtype, values", [("int16", [-32767, 32767]), ("uint16", [0, 65535]), ("int32", [-2147483647, 2147483647]),
+                      ("uint32", [0, 4294967295]), ("int8", [-127, 127]), ("uint8", [0, 255]),
+                      ("float32", [0, 9.969209968386869e36]), ("float64", [0, 9.969209968386869e36])],
+)  # fmt: skip
+def test_no_sample_of_a_dataarray_is_taken_for_one_that_nobody_wrote(programs, xarray, dtype, values):
+    """These are the default fill values of netCDF, which are holes in files."""
+    array = np.full((4, 4, 4), 1, dtype)
+    array[1, 1, 1:3] = values
+    with isoscope.serve(xarray.DataArray(array, dims=("z", "y", "x"))) as client:
+        assert client.dataset().range == (array.min(), array.max())
+        assert client.dataset().histogram().nan_count == 0
+    if dtype == "int16":
+        packed = xarray.DataArray(array, dims=("z", "y", "x"), attrs={"_FillValue": np.int16(32767)})
+        with isoscope.serve(packed) as client:
+            assert client.dataset().range == (-32767, 1) and client.dataset().histogram().nan_count == 1
+
+
+@pytest.mark.parametrize("dtype", ["datetime64[ns]", "timedelta64[ns]", "complex64", "U3", "object"])
+def test_samples_of_other_types_are_refused_with_their_type(xarray, tmp_path, dtype):
+    array = np.zeros((3, 3, 3), dtype)
+    shown = array.dtype
+    with pytest.raises(InvalidArgumentError, match="variable 'u' is of .*astype.*drop_vars") as caught:
+        write(xarray.DataArray(array, dims=("z", "y", "x"), name="u"), tmp_path)
+    assert str(shown) in str(caught.value)
+
+
+@pytest.mark.parametrize("dtype", ["datetime64[ns]", "complex64", "U3", "longdouble"])
+def test_arrays_of_other_types_are_refused_with_their_type(programs, dtype):
+    array = np.zeros((3, 3, 3), dtype)
+    for source in (array, {"u": array}):
+        with pytest.raises(InvalidArgumentError, match=f"of {array.dtype.name}: must be one of .*float32.*astype"):
+            isoscope.serve(source)
+
+
+def test_integers_of_64_bits_and_halfs_are_served(programs):
+    array = np.arange(60).reshape(3, 4, 5) - 7
+    with isoscope.serve(array, spacing=(1, 2, 3)) as client:
+        assert client.dataset().range == (-7, 52) and client.dataset().spacing == (1, 2, 3)
+    with isoscope.serve(array.astype(np.float16)) as client:
+        assert client.dataset().range == (-7, 52) and client.dataset().dtype == np.float32
+
+
+def test_parts_of_an_array_that_was_opened_lazily_are_whole_chunks(xarray, tmp_path):
+    from isoscope._serving.xarray_source import _Samples
+
+    needs("zarr")
+    zeros = np.zeros((20, 30, 40), np.int16)
+    xarray.Dataset({"u": (("z", "y", "x"), zeros)}).to_zarr(
+        tmp_path / "u.zarr", encoding={"u": {"chunks": (8, 16, 32)}}
+    )
+    opened = xarray.open_zarr(tmp_path / "u.zarr", chunks=None)
+    assert [sizes[0] for sizes in _Samples(opened.u.variable).chunks] == [20, 30, 40]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(samples, "_PART_BYTES", 8 * 16 * 32 * 2)
+        for array in (opened.u, opened.u.transpose("x", "y", "z")):
+            whole = {dim: sizes[0] for dim, sizes in zip(array.dims, _Samples(array.variable).chunks)}
+            assert whole == {"z": 8, "y": 16, "x": 32}
+        assert _Samples(opened.u.load().variable).compute([(slice(0, 2),) * 3])[0].shape == (2, 2, 2)
+
+
+def test_progress_is_told(programs, xarray, dask_array, capsys, monkeypatch):
+    told = []
+    array = dask_array.zeros((6, 7, 8), chunks=(2, 7, 4), dtype=np.int16)
+    isoscope.serve(array, progress=lambda done, total: told.append((done, total))).close()
+    assert told == [(112 * count, 672) for count in range(1, 7)]
+    for source in ({"p": array, "q": array}, xarray.DataArray(array, dims=("z", "y", "x"))):
+        told.clear()
+        isoscope.serve(source, progress=lambda done, total: told.append((done, total))).close()
+        assert told[-1] == (1344, 1344) and [done for done, _ in told] == sorted(done for done, _ in told)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_line_of_progress_is_shown_and_taken_away(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "_QUIET_SECONDS", 0)
+    monkeypatch.setattr(progress, "_BETWEEN_SECONDS", 0)
+    line = progress.Progress(True, "writing the samples", 4 << 20)
+    line.add(1 << 20)
+    line.add(2 << 20)
+    line.close()
+    line.close()
+    shown = capsys.readouterr().err.split("\r")
+    assert shown[1].startswith("isoscope: writing the samples [#####               ]  25% of 4.0 MiB, about ")
+    assert "75%" in shown[2] and shown[3].strip() == "" and len(shown[3]) >= len(shown[2].rstrip()) and shown[4] == ""
+    # Nobody sees a line in a file, unless it is asked for.
+    unseen = progress.Progress(None, "writing", 100)
+    unseen.add(50)
+    unseen.close()
+    unknown = progress.Progress(True, "fetching")
+    unknown.add(3 << 20)
+    assert capsys.readouterr().err == "\risoscope: fetching: 3.0 MiB"
 
 
 TYPES = ("bool", "uint8", "int8", "uint16", "int16", "uint32", "int32", "int64", "float16", "float32", "float64")

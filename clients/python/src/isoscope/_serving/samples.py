@@ -131,7 +131,7 @@ def write_samples(file: IO[bytes], samples: AnyArray, dtype: np.dtype[Any], prog
     try:
         can_map = _reserve(file, begin, size)
         if isinstance(samples, np.ndarray):
-            for index in _parts(shape, dtype.itemsize):
+            for index in parts(shape, dtype.itemsize):
                 part = np.ascontiguousarray(_in_memory(samples[index], "the array"), dtype)
                 part.tofile(file)
                 progress.add(part.nbytes)
@@ -230,12 +230,12 @@ def _strides(shape: Sequence[int], item_bytes: int) -> tuple[int, ...]:
     return tuple(item_bytes * math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
 
 
-def _parts(shape: Sequence[int], item_bytes: int) -> Iterator[Index]:
+def parts(shape: Sequence[int], item_bytes: int) -> Iterator[Index]:
     """Yields indices of parts that follow each other in the order of the file."""
     row_bytes = max(1, item_bytes * math.prod(shape[1:]))
     if row_bytes > _PART_BYTES and len(shape) > 1:
         for row in range(shape[0]):
-            for rest in _parts(shape[1:], item_bytes):
+            for rest in parts(shape[1:], item_bytes):
                 yield slice(row, row + 1), *rest
         return
     most = max(1, _PART_BYTES // row_bytes)

@@ -411,8 +411,8 @@ def _copied_store(
     if separator is not None:
         arrays = {one: metadata.with_separator(separator) for one, metadata in arrays.items()}
     # An array of an image gets its position from the shapes of all levels.
-    image = key.rpartition("/")[0] if key else None
-    for level in [] if image is None else _levels(objects, _attributes(objects, image)):
+    image = key.rpartition("/")[0]
+    for level in _levels(objects, _attributes(objects, image)) if key else []:
         at = _joined(image, level)
         other = None if at in arrays else _array_at(objects, at)
         if other is not None:
