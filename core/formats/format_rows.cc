@@ -20,6 +20,7 @@
 #include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/address_source.h"
 #include "core/formats/arrays/fits_header.h"
 #include "core/formats/arrays/fits_series.h"
 #include "core/formats/arrays/npy_series.h"
@@ -50,6 +51,7 @@
 #include "core/formats/vtk/vtk_steps.h"
 #include "core/formats/zarr/zarr_series.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/file_layout.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
@@ -262,6 +264,7 @@ Format LayoutRow(absl::string_view name, bool (*is_content)(absl::string_view),
   return {.name = name,
           .endings = endings,
           .is_content = is_content,
+          .reads_addresses = true,
           .open = OpenLayout<read>,
           .find_files = FilesOfLayout<read>};
 }
@@ -424,8 +427,16 @@ MaybeFound FindZarrIn(const std::string& folder) {
 }
 
 Series OpenZarr(const FileRequest& request) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ZarrStore> store, OpenLocalZarr(request.file));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::unique_ptr<ZarrStore> store,
+      io::IsAddressText(request.file) ? OpenZarrAtAddress(request.file)
+                                      : OpenLocalZarr(request.file));
   return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
+}
+
+Files FilesOfZarrRow(const FileRequest& request) {
+  const auto find = io::IsAddressText(request.file) ? FilesOfZarrAtAddress : FilesOfZarr;
+  return find(request.file, request.part, request.axes, request.rules);
 }
 
 }  // namespace
@@ -459,15 +470,16 @@ const std::vector<Format>& Formats() {
        .opens_archives = true,
        .opens_parts = true,
        .find = FindZarr,
+       .reads_addresses = true,
        .find_in_folder = FindZarrIn,
        .in_folder = "a Zarr store",
        .open = OpenZarr,
-       .find_files =
-           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); }},
+       .find_files = FilesOfZarrRow},
       {.name = "NIfTI",
        .more_names = ".nii .nii.gz .hdr .hdr.gz .img .img.gz",
        .find = FindByName<HasNiftiName>,
        .shares_names = true,
+       .reads_addresses = true,
        .open = OpenNifti,
        .find_files = FilesOfNifti},
       {.name = "NRRD",
@@ -475,6 +487,7 @@ const std::vector<Format>& Formats() {
        .find = FindByName<HasNrrdName>,
        .is_content = IsNrrdHeader,
        .is_plain = true,
+       .reads_addresses = true,
        .open = OpenSamples<FileFormat::kNrrd>,
        .find_files = FilesOfSamples<FileFormat::kNrrd>},
       {.name = "MetaImage",
@@ -482,6 +495,7 @@ const std::vector<Format>& Formats() {
        .find = FindByName<HasMetaImageName>,
        .is_content = IsMetaImageHeader,
        .is_plain = true,
+       .reads_addresses = true,
        .open = OpenSamples<FileFormat::kMetaImage>,
        .find_files = FilesOfSamples<FileFormat::kMetaImage>},
       {.name = "DICOM",
@@ -500,6 +514,7 @@ const std::vector<Format>& Formats() {
       {.name = "MRC",
        .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".mrcs.gz", ".map.gz", ".ccp4.gz"},
        .is_content = IsMrcHeader,
+       .reads_addresses = true,
        .open = [](const FileRequest& r) { return OpenMrcSeries(r.file, r.field, r.rules); }},
       {.name = "MINC",
        .endings = MincEndings(),
@@ -547,6 +562,7 @@ const std::vector<Format>& Formats() {
       {.name = "NumPy",
        .endings = {".npy", ".npy.gz"},
        .is_content = IsNpy,
+       .reads_addresses = true,
        .open = [](const FileRequest& r) { return OpenNpySeries(r.file, r.field); }},
       {.name = "NPZ",
        .endings = {".npz"},
