@@ -174,7 +174,8 @@ struct KnownStore {
 absl::StatusOr<std::shared_ptr<AddressStore>> OpenObjects(const KnownStore& known) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ObjectStore> objects,
                             OpenAddressStore(RequestTextOf(known.root), known.options));
-  return std::make_shared<AddressStore>(std::move(objects), PathOfAddress(known.root), known.root.is_s3);
+  return std::make_shared<AddressStore>(std::move(objects), PathOfAddress(known.root),
+                                        known.root.is_s3);
 }
 
 // ---- What this process knows. -------------------------------------------------------------------
@@ -308,7 +309,8 @@ absl::StatusOr<AddressSource> FindWhole(const Address& address, const RemoteOpti
     }
     const absl::Status status = is_store ? FindStore(store) : FindObject(address, options);
     if (status.ok()) {
-      AddressSource found{.file = PathOfAddress(is_store ? store.root : address), .is_store = is_store};
+      AddressSource found{.file = PathOfAddress(is_store ? store.root : address),
+                          .is_store = is_store};
       if (is_store) {
         Known& known = KnownOfProcess();
         const base::MutexLock lock(&known.mutex);
@@ -326,8 +328,8 @@ absl::StatusOr<AddressSource> FindWhole(const Address& address, const RemoteOpti
   }
   return absl::IsNotFound(first_error)
              ? absl::NotFoundError(absl::StrCat(
-                   PathOfAddress(address), ": neither an object nor a Zarr store is there: ",
-                   first_error.message()))
+                   PathOfAddress(address),
+                   ": neither an object nor a Zarr store is there: ", first_error.message()))
              : first_error;
 }
 

@@ -204,7 +204,18 @@ bool HasVtkSteps(const FileRequest& request) {
   return IsPvd(request.file) || IsVtkStepList(request.file) || IsVtkPattern(request);
 }
 
+// A list of files at an address could name files of this machine.
+absl::Status CheckVtkAtAddress(const FileRequest& request) {
+  return io::IsAddressText(request.file) && !absl::EndsWithIgnoreCase(request.file, ".vti")
+             ? absl::InvalidArgumentError(absl::StrCat(
+                   request.file,
+                   ": lists other files, which can't be read at an address; bring them all to a "
+                   "folder, each with: isoscope copy ADDRESS DIR"))
+             : absl::OkStatus();
+}
+
 Series OpenVtk(const FileRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckVtkAtAddress(request));
   if (!HasVtkSteps(request)) {
     return OpenVtkImageSeries(request.file, request.part, request.rules);
   }
@@ -217,6 +228,7 @@ Series OpenVtk(const FileRequest& request) {
 
 // The collection, if it is a file, and its steps, those of .pvti with their pieces.
 Files FilesOfVtk(const FileRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckVtkAtAddress(request));
   if (!HasVtkSteps(request)) {
     return FilesOfPvdStep({.file = request.file});
   }
@@ -427,10 +439,9 @@ MaybeFound FindZarrIn(const std::string& folder) {
 }
 
 Series OpenZarr(const FileRequest& request) {
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      std::unique_ptr<ZarrStore> store,
-      io::IsAddressText(request.file) ? OpenZarrAtAddress(request.file)
-                                      : OpenLocalZarr(request.file));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ZarrStore> store, io::IsAddressText(request.file)
+                                                                  ? OpenZarrAtAddress(request.file)
+                                                                  : OpenLocalZarr(request.file));
   return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
 }
 
@@ -459,6 +470,7 @@ const std::vector<Format>& Formats() {
        .has_field_names = true,
        .opens_parts = true,
        .find = FindVtk,
+       .reads_addresses = true,
        .open = OpenVtk,
        .find_files = FilesOfVtk},
       {.name = "Zarr",
@@ -547,6 +559,7 @@ const std::vector<Format>& Formats() {
        .axes_for = "TIFF",
        .find = FindTiffPattern,
        .is_content = IsTiff,
+       .reads_addresses = true,
        .find_in_folder = FindTiffIn,
        .in_folder = "TIFF files (.tif .tiff)",
        .open =

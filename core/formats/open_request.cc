@@ -100,9 +100,9 @@ absl::Status FindRaw(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const AddressSource found, FindAtAddress(path));
   return found.file == path && !found.is_store
              ? absl::OkStatus()
-             : absl::InvalidArgumentError(absl::StrCat(
-                   path, ": ", found.file,
-                   " is there, which is no raw file: leave --dims and --type out"));
+             : absl::InvalidArgumentError(
+                   absl::StrCat(path, ": ", found.file,
+                                " is there, which is no raw file: leave --dims and --type out"));
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenRaw(const OpenRequest& request) {

@@ -58,8 +58,7 @@ class CachedBytes final : public io::RandomAccessFile {
     }
     // 1. A reader that goes on where the last request ended will want more.
     ahead_ = number == next_ ? std::min(2 * ahead_, kMaxAheadBlocks) : 1;
-    const std::int64_t block_count =
-        (size_bytes() + kCachedBlockBytes - 1) / kCachedBlockBytes;
+    const std::int64_t block_count = (size_bytes() + kCachedBlockBytes - 1) / kCachedBlockBytes;
     std::int64_t end = std::min(number + ahead_, block_count);
     for (std::int64_t i = number + 1; i < end; ++i) {
       if (by_number_.contains(i)) {
@@ -74,8 +73,9 @@ class CachedBytes final : public io::RandomAccessFile {
         bytes_->ReadAt(begin_byte, bytes.size(), bytes.data(), base::ProcessInterrupt()));
     // 3. Blocks, the wanted one in front.
     for (std::int64_t i = end; i-- > number;) {
-      blocks_.push_front({i, bytes.substr(static_cast<std::size_t>((i - number) * kCachedBlockBytes),
-                                          static_cast<std::size_t>(kCachedBlockBytes))});
+      blocks_.push_front(
+          {i, bytes.substr(static_cast<std::size_t>((i - number) * kCachedBlockBytes),
+                           static_cast<std::size_t>(kCachedBlockBytes))});
       by_number_[i] = blocks_.begin();
     }
     while (static_cast<std::int64_t>(blocks_.size()) > kMaxCachedBlocks) {

@@ -43,9 +43,8 @@ bool IsHdf5File(const std::string& path) {
   std::array<char, kSignature.size()> bytes{};
   // At an address each look costs a round trip: only the first ones, which are read at once.
   constexpr std::int64_t kMaxFarUserBlock = std::int64_t{1} << 15;
-  const std::int64_t size =
-      io::IsMounted(path) ? std::min((*file)->size_bytes(), kMaxFarUserBlock)
-                          : (*file)->size_bytes();
+  const std::int64_t size = io::IsMounted(path) ? std::min((*file)->size_bytes(), kMaxFarUserBlock)
+                                                : (*file)->size_bytes();
   const std::int64_t end = size - static_cast<std::int64_t>(bytes.size());
   for (std::int64_t offset = 0; offset <= end;
        offset = offset == 0 ? kFirstUserBlock : 2 * offset) {

@@ -26,6 +26,7 @@
 #include "tests/support/volume_files.h"
 #include "tests/support/zip_writer.h"
 #include "tests/unit/core/formats/arrays/npy_bytes.h"
+#include "tests/unit/core/formats/stacks/tiff_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
 #include "tests/unit/core/formats/zarr/zarr_files.h"
 
@@ -37,11 +38,11 @@ using ::testing::Contains;
 using ::testing::Each;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
-using ::testing::Not;
-using ::testing::StartsWith;
 using testing::IsOk;
+using ::testing::Not;
 using testing::ServedConnection;
 using testing::ServedRequest;
+using ::testing::StartsWith;
 using testing::StatusIs;
 
 constexpr math::Index3 kDims{37, 29, 23};
@@ -67,7 +68,9 @@ class AddressSourceTest : public testing::FolderTest {
     }
   }
 
-  std::string At(const std::string& path) const { return absl::StrCat(server_.origin(), "/", path); }
+  std::string At(const std::string& path) const {
+    return absl::StrCat(server_.origin(), "/", path);
+  }
 
   // All samples of the first volume, behind what its source says.
   static absl::StatusOr<std::string> WholeOf(const OpenRequest& request) {
@@ -132,8 +135,9 @@ TEST_F(AddressSourceTest, HeadersAndSamplesAreThoseOfTheFile) {
   dir_.Write("a.nii", testing::NiftiHeaderBytes({.dims = kDims, .datatype = 512}) + samples_);
   dir_.Write("without_ending", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
   dir_.Write("a.npy", testing::NpyBytes("<u2", "(23, 29, 37)", samples_));
-  dir_.Write("a.vti", testing::VtiBytes({.extent = "0 36 0 28 0 22",
-                                         .fields = {{.name = "p", .type = "UInt16", .samples = samples_}}}));
+  dir_.Write("a.vti",
+             testing::VtiBytes({.extent = "0 36 0 28 0 22",
+                                .fields = {{.name = "p", .type = "UInt16", .samples = samples_}}}));
   for (const char* const path :
        {"a.nrrd", "a.mha", "a.nii", "without_ending", "a.npy", "a.vti", "a.vti:p"}) {
     ExpectEqual(path);
@@ -142,16 +146,26 @@ TEST_F(AddressSourceTest, HeadersAndSamplesAreThoseOfTheFile) {
 
 TEST_F(AddressSourceTest, ARawFileIsReadByRanges) {
   dir_.Write("a b.raw", std::string(7, 'h') + samples_);
-  OpenRequest request{.path = At("a%20b.raw"),
-                      .raw = RawFormat{.dims = kDims,
-                                       .type = volume::ScalarType::kUint16,
-                                       .header_bytes = 7}};
+  OpenRequest request{
+      .path = At("a%20b.raw"),
+      .raw = RawFormat{.dims = kDims, .type = volume::ScalarType::kUint16, .header_bytes = 7}};
   dir_.Write("a%20b.raw", std::string(7, 'h') + samples_);  // the script decodes nothing
   const auto remote = WholeOf(request);
   ASSERT_THAT(remote.status(), IsOk());
   EXPECT_TRUE(absl::EndsWith(*remote, samples_));
   request.raw->dims.z += 1;
   EXPECT_THAT(WholeOf(request).status(), StatusIs(kInvalid, HasSubstr("the file has")));
+}
+
+TEST_F(AddressSourceTest, PagesOfTiffAreThoseOfTheFile) {
+  ASSERT_TRUE(testing::WriteTiffStack(dir_.Sub("a.tif"), {.width = 300, .height = 40, .pages = 9}));
+  ASSERT_TRUE(
+      testing::WriteTiffStack(dir_.Sub("b.tif"), {.width = 30, .height = 20, .mode = "wb8"}));
+  for (const char* const path : {"a.tif", "b.tif"}) {
+    ExpectEqual(path);
+  }
+  dir_.Write("cut.tif", testing::ReadFile(dir_.Sub("a.tif")).substr(0, 5000));
+  EXPECT_FALSE(StatusOfOpen(At("cut.tif")).ok());
 }
 
 TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {
@@ -249,14 +263,23 @@ TEST_F(AddressSourceTest, WhatNeedsTheWholeFileSaysSo) {
 TEST_F(AddressSourceTest, NoNameInAFileLeadsToAnother) {
   dir_.Write("a.raw", samples_);
   for (const std::string& name : {std::string("a.raw"), dir_.Sub("a.raw"), At("a.raw")}) {
-    dir_.Write("a.nhdr",
-               testing::NrrdHeader(kDims, "uint16", "raw", absl::StrCat("data file: ", name, "\n")));
+    dir_.Write("a.nhdr", testing::NrrdHeader(kDims, "uint16", "raw",
+                                             absl::StrCat("data file: ", name, "\n")));
     dir_.Write("a.mhd", testing::MetaHeader(kDims, "MET_USHORT", name));
     for (const char* const path : {"a.nhdr", "a.mhd"}) {
       EXPECT_THAT(StatusOfOpen(At(path)), StatusIs(kInvalid, HasSubstr("in another file")))
           << path << " " << name;
     }
   }
+  dir_.Write("a.vti",
+             testing::VtiBytes({.extent = "0 36 0 28 0 22",
+                                .fields = {{.name = "p", .type = "UInt16", .samples = samples_}}}));
+  dir_.Write("a.pvd",
+             absl::StrCat("<?xml version=\"1.0\"?><VTKFile type=\"Collection\"><Collection>"
+                          "<DataSet timestep=\"0\" file=\"",
+                          dir_.Sub("a.vti"), "\"/></Collection></VTKFile>"));
+  EXPECT_THAT(StatusOfOpen(dir_.Sub("a.pvd")), IsOk());
+  EXPECT_THAT(StatusOfOpen(At("a.pvd")), StatusIs(kInvalid, HasSubstr("lists other files")));
   dir_.Write("p.img", samples_);
   dir_.Write("p.hdr", testing::NiftiHeaderBytes({.dims = kDims, .datatype = 512, .is_pair = true}));
   EXPECT_FALSE(StatusOfOpen(At("p.img")).ok());

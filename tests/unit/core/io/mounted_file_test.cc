@@ -69,8 +69,8 @@ TEST(MountedFileTest, TellsAddressesFromPaths) {
   for (const char* const address : {"https://h/a", "s3://b/k", "HTTP://h", "svn+ssh://h"}) {
     EXPECT_TRUE(IsAddressText(address)) << address;
   }
-  for (const char* const path :
-       {"", "a", "/a/b", "://a", "a://", "1a://b", "/https://a", "dir/http://a", "a b://c", "h:/a"}) {
+  for (const char* const path : {"", "a", "/a/b", "://a", "a://", "1a://b", "/https://a",
+                                 "dir/http://a", "a b://c", "h:/a"}) {
     EXPECT_FALSE(IsAddressText(path)) << path;
   }
 }

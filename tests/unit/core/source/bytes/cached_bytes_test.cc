@@ -21,9 +21,9 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
+using testing::IsOk;
 using ::testing::Pair;
 using ::testing::SizeIs;
-using testing::IsOk;
 using testing::StatusIs;
 
 std::string NoiseOf(std::size_t size) {
