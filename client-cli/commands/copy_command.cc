@@ -33,9 +33,11 @@ constexpr char kExamples[] =
     "  isoscope copy https://data.example.org/heads/head.nrrd heads\n"
     "  isoscope copy s3://my-bucket/scans/foot.nii.gz\n"
     "  ISOSCOPE_S3_ANONYMOUS=1 isoscope copy s3://public-bucket/cell.tif .\n"
+    "  isoscope copy s3://my-bucket/runs/cell.zarr/ runs\n"
     "\nA copy that was broken off goes on where it ended when the command is given again, from\n"
-    "DIR/NAME.part. It begins again, and says so, if the object has changed since. The server\n"
-    "must know ranges. One object is copied: of many, give the command for each.\n"
+    "DIR/NAME.part. It begins again, and says so, if the object has changed since, or if the\n"
+    "server knows no ranges. An address that ends in '/', or where no object is, is a folder: all\n"
+    "below it is copied, as S3 lists it, or the pages of a web server's index.\n"
     "\nCredentials come from the environment, and never from the address:\n"
     "  S3        AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_PROFILE,\n"
     "            AWS_REGION, AWS_ENDPOINT_URL, ~/.aws; without signatures: "
@@ -71,7 +73,9 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
         "interrupted while copying; the same command goes on where it ended");
   }
   ISOSCOPE_RETURN_IF_ERROR(report.status());
-  *context.out << base::Printable(report->path) << ": " << FormatMebibytes(report->size_bytes)
+  *context.out << base::Printable(report->path) << ": "
+               << (report->object_count > 0 ? absl::StrCat(report->object_count, " files, ") : "")
+               << FormatMebibytes(report->size_bytes)
                << " in " << FormatElapsed(base::MonotonicNow() - start) << "\n";
   return absl::OkStatus();
 }
@@ -79,7 +83,7 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
 Action RegisterCopyFlags(FlagSet* set) {
   const auto flags = std::make_shared<CopyFlags>();
   AddFlag(set, "address", "ADDRESS", &flags->address, ParseText,
-          "one object: https://HOST/PATH, http://HOST/PATH or s3://BUCKET/KEY");
+          "an object or a folder: https://HOST/PATH, http://HOST/PATH or s3://BUCKET/KEY");
   AddFlag(set, "directory", "DIR", &flags->directory, ParseText,
           "the folder to copy into, made if it is not there (default: the current one)");
   AddQuietFlag(set, &flags->is_quiet);
@@ -93,7 +97,7 @@ Action RegisterCopyFlags(FlagSet* set) {
 Command CopyCommand() {
   return {
       .name = "copy",
-      .summary = "Copies a file from a web server or S3 to a folder, and goes on where it ended",
+      .summary = "Copies files from a web server or S3 to a folder, and goes on where it ended",
       .usage = "ADDRESS [DIR] [--quiet]",
       .examples = kExamples,
       .register_flags = RegisterCopyFlags};

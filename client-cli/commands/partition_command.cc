@@ -421,7 +421,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 Action RegisterPartitionFlags(FlagSet* set) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(
-      set, "input", "INPUT", &flags->input, ParseText,
+      set, "input", "INPUT", &flags->input, ParseSource,
       absl::StrCat(
           "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
           "several), file.vti[:array[:component]], file.h5:/dataset, 'pattern*.h5' of openPMD, ",

@@ -20,6 +20,7 @@
 #include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/address_source.h"
 #include "core/formats/arrays/fits_header.h"
 #include "core/formats/arrays/fits_series.h"
 #include "core/formats/arrays/npy_series.h"
@@ -50,6 +51,7 @@
 #include "core/formats/vtk/vtk_steps.h"
 #include "core/formats/zarr/zarr_series.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/file_layout.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
@@ -202,7 +204,18 @@ bool HasVtkSteps(const FileRequest& request) {
   return IsPvd(request.file) || IsVtkStepList(request.file) || IsVtkPattern(request);
 }
 
+// A list of files at an address could name files of this machine.
+absl::Status CheckVtkAtAddress(const FileRequest& request) {
+  return io::IsAddressText(request.file) && !absl::EndsWithIgnoreCase(request.file, ".vti")
+             ? absl::InvalidArgumentError(absl::StrCat(
+                   request.file,
+                   ": lists other files, which can't be read at an address; bring them all to a "
+                   "folder, each with: isoscope copy ADDRESS DIR"))
+             : absl::OkStatus();
+}
+
 Series OpenVtk(const FileRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckVtkAtAddress(request));
   if (!HasVtkSteps(request)) {
     return OpenVtkImageSeries(request.file, request.part, request.rules);
   }
@@ -215,6 +228,7 @@ Series OpenVtk(const FileRequest& request) {
 
 // The collection, if it is a file, and its steps, those of .pvti with their pieces.
 Files FilesOfVtk(const FileRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckVtkAtAddress(request));
   if (!HasVtkSteps(request)) {
     return FilesOfPvdStep({.file = request.file});
   }
@@ -262,6 +276,7 @@ Format LayoutRow(absl::string_view name, bool (*is_content)(absl::string_view),
   return {.name = name,
           .endings = endings,
           .is_content = is_content,
+          .reads_addresses = true,
           .open = OpenLayout<read>,
           .find_files = FilesOfLayout<read>};
 }
@@ -412,21 +427,40 @@ MaybeFound FindZarrIn(const std::string& folder) {
              : MaybeFound(std::nullopt);
 }
 
+// At an address or on a disk.
+absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZarrStoreOf(const std::string& file) {
+  return io::IsAddressText(file) ? OpenZarrAtAddress(file) : OpenLocalZarr(file);
+}
+
 Series OpenZarr(const FileRequest& request) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ZarrStore> store, OpenLocalZarr(request.file));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ZarrStore> store, OpenZarrStoreOf(request.file));
   return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
 }
 
+MaybeFound FindZarrAnywhere(const std::string& text) {
+  if (!io::IsAddressText(text)) {
+    return FindZarr(text);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOfSource(text));
+  ISOSCOPE_ASSIGN_OR_RETURN(AddressSource source, FindAtAddress(path));
+  return FileRequest{.path = path, .file = std::move(source.file), .part = std::move(source.part)};
+}
+
 absl::StatusOr<std::vector<volume::Label>> ReadZarrLabels(const std::string& path) {
-  const MaybeFound found = FindZarr(path);
+  const MaybeFound found = FindZarrAnywhere(path);
   if (!found.ok() || !found->has_value()) {
     return std::vector<volume::Label>();
   }
-  const auto store = OpenLocalZarr((*found)->file);
+  const auto store = OpenZarrStoreOf((*found)->file);
   auto labels = store.ok() ? ZarrLabelsOf(store->get(), (*found)->part) : store.status();
   // Whoever reads its samples says why it can't be opened.
   return absl::IsInvalidArgument(labels.status()) || labels.ok() ? std::move(labels)
                                                                  : std::vector<volume::Label>();
+}
+
+Files FilesOfZarrRow(const FileRequest& request) {
+  const auto find = io::IsAddressText(request.file) ? FilesOfZarrAtAddress : FilesOfZarr;
+  return find(request.file, request.part, request.axes, request.rules);
 }
 
 }  // namespace
@@ -449,6 +483,7 @@ const std::vector<Format>& Formats() {
        .has_field_names = true,
        .opens_parts = true,
        .find = FindVtk,
+       .reads_addresses = true,
        .open = OpenVtk,
        .find_files = FilesOfVtk},
       {.name = "Zarr",
@@ -460,16 +495,17 @@ const std::vector<Format>& Formats() {
        .opens_archives = true,
        .opens_parts = true,
        .find = FindZarr,
+       .reads_addresses = true,
        .find_in_folder = FindZarrIn,
        .in_folder = "a Zarr store",
        .open = OpenZarr,
-       .find_files =
-           [](const FileRequest& r) { return FilesOfZarr(r.file, r.part, r.axes, r.rules); },
+       .find_files = FilesOfZarrRow,
        .read_labels = ReadZarrLabels},
       {.name = "NIfTI",
        .more_names = ".nii .nii.gz .hdr .hdr.gz .img .img.gz",
        .find = FindByName<HasNiftiName>,
        .shares_names = true,
+       .reads_addresses = true,
        .open = OpenNifti,
        .find_files = FilesOfNifti},
       {.name = "NRRD",
@@ -477,6 +513,7 @@ const std::vector<Format>& Formats() {
        .find = FindByName<HasNrrdName>,
        .is_content = IsNrrdHeader,
        .is_plain = true,
+       .reads_addresses = true,
        .open = OpenSamples<FileFormat::kNrrd>,
        .find_files = FilesOfSamples<FileFormat::kNrrd>},
       {.name = "MetaImage",
@@ -484,6 +521,7 @@ const std::vector<Format>& Formats() {
        .find = FindByName<HasMetaImageName>,
        .is_content = IsMetaImageHeader,
        .is_plain = true,
+       .reads_addresses = true,
        .open = OpenSamples<FileFormat::kMetaImage>,
        .find_files = FilesOfSamples<FileFormat::kMetaImage>},
       {.name = "DICOM",
@@ -502,6 +540,7 @@ const std::vector<Format>& Formats() {
       {.name = "MRC",
        .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".mrcs.gz", ".map.gz", ".ccp4.gz"},
        .is_content = IsMrcHeader,
+       .reads_addresses = true,
        .open = [](const FileRequest& r) { return OpenMrcSeries(r.file, r.field, r.rules); }},
       {.name = "MINC",
        .endings = MincEndings(),
@@ -534,6 +573,7 @@ const std::vector<Format>& Formats() {
        .axes_for = "TIFF",
        .find = FindTiffPattern,
        .is_content = IsTiff,
+       .reads_addresses = true,
        .find_in_folder = FindTiffIn,
        .in_folder = "TIFF files (.tif .tiff)",
        .open =
@@ -549,6 +589,7 @@ const std::vector<Format>& Formats() {
       {.name = "NumPy",
        .endings = {".npy", ".npy.gz"},
        .is_content = IsNpy,
+       .reads_addresses = true,
        .open = [](const FileRequest& r) { return OpenNpySeries(r.file, r.field); }},
       {.name = "NPZ",
        .endings = {".npz"},

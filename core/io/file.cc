@@ -6,6 +6,8 @@
 //    buffers go past the page cache. The kernel keeps both ways coherent.
 // 3. Functions on paths: create, rename, flush, remove.
 //
+// A name that is mounted (mounted_file.h) goes before a path of the disk.
+//
 // Invariants: calls that a signal interrupted (EINTR) are repeated. Every error becomes a status
 // with the path, by ErrnoToStatus. A new name is on disk only after its directory was flushed.
 
@@ -36,6 +38,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/continued_file.h"
+#include "core/io/mounted_file.h"
 #include "core/io/transfers.h"
 
 namespace isoscope::io {
@@ -150,6 +153,22 @@ class PosixRandomAccessFile : public RandomAccessFile {
   const Descriptor descriptor_;
   const std::int64_t size_bytes_;
   const std::string path_;
+};
+
+// A file that is mounted, for one of its readers.
+class MountedReader : public RandomAccessFile {
+ public:
+  explicit MountedReader(std::shared_ptr<const RandomAccessFile> file) : file_(std::move(file)) {}
+
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    return file_->ReadAt(offset, size, out);
+  }
+  [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+  [[nodiscard]] const std::string& path() const override { return file_->path(); }
+
+ private:
+  const std::shared_ptr<const RandomAccessFile> file_;
 };
 
 // Memory that direct writes accept.
@@ -372,6 +391,9 @@ absl::Status CheckIsRegularFile(const std::string& path) {
 }
 
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {
+  if (std::optional<MountedFile> mounted = FindMounted(path); mounted.has_value()) {
+    return std::make_unique<MountedReader>(std::move(mounted->file));
+  }
   // O_NONBLOCK: opening a FIFO would wait for its writer. Regular files ignore it.
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
                             OpenDescriptor(path, O_RDONLY | O_NONBLOCK, 0, "open"));
@@ -526,7 +548,7 @@ std::int64_t BytesBelow(const std::string& path) {
 
 bool PathExists(const std::string& path) {
   struct stat info {};
-  return stat(path.c_str(), &info) == 0;
+  return IsMounted(path) || stat(path.c_str(), &info) == 0;
 }
 
 bool IsDirectory(const std::string& path) {

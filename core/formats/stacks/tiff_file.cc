@@ -16,6 +16,8 @@
 //
 // libtiff writes its messages to standard error unless it is given functions: the last error goes
 // into the status, warnings (mostly private tags) are dropped.
+//
+// A mounted file (core/io/mounted_file.h) is read through functions that libtiff calls (FarFile).
 
 #include "core/formats/stacks/tiff_file.h"
 
@@ -25,6 +27,7 @@
 #include <cstdio>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -34,6 +37,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 
 namespace isoscope::source {
 namespace {
@@ -71,6 +75,69 @@ void CountWarning(const char* /*module*/, const char* /*format*/, va_list /*argu
 std::string TakeMessage() {
   std::string message = std::exchange(LastMessage(), std::string());
   return message.empty() ? "unknown error" : message;
+}
+
+// Why the last read of a mounted file in this thread failed: libtiff keeps no reason.
+absl::Status& FarError() {
+  thread_local absl::Status error;
+  return error;
+}
+
+// A mounted file with a position, as libtiff wants one.
+struct FarFile {
+  std::unique_ptr<io::RandomAccessFile> file;
+  std::int64_t position = 0;
+};
+
+tmsize_t ReadFar(thandle_t handle, void* out, tmsize_t size) {
+  auto* const far = static_cast<FarFile*>(handle);
+  const std::int64_t left = std::max<std::int64_t>(far->file->size_bytes() - far->position, 0);
+  const std::int64_t take = std::min<std::int64_t>(size, left);
+  const absl::Status status =
+      far->file->ReadAt(far->position, static_cast<std::size_t>(take), static_cast<char*>(out));
+  if (!status.ok()) {
+    FarError() = status;
+    return -1;
+  }
+  far->position += take;
+  return take;
+}
+
+tmsize_t WriteFar(thandle_t /*handle*/, void* /*bytes*/, tmsize_t /*size*/) { return -1; }
+
+toff_t SeekFar(thandle_t handle, toff_t offset, int whence) {
+  auto* const far = static_cast<FarFile*>(handle);
+  const std::int64_t base = whence == SEEK_SET   ? 0
+                            : whence == SEEK_CUR ? far->position
+                                                 : far->file->size_bytes();
+  // Offsets come from the file: any 64 bits. Reading behind the end gives nothing.
+  constexpr std::int64_t kMaxPosition = std::numeric_limits<std::int64_t>::max() / 2;
+  const auto step = static_cast<std::int64_t>(offset);
+  far->position = step > kMaxPosition || step < -kMaxPosition
+                      ? kMaxPosition
+                      : std::max<std::int64_t>(base + step, 0);
+  return static_cast<toff_t>(far->position);
+}
+
+int CloseFar(thandle_t handle) {
+  delete static_cast<FarFile*>(handle);
+  return 0;
+}
+
+toff_t SizeOfFar(thandle_t handle) {
+  return static_cast<toff_t>(static_cast<FarFile*>(handle)->file->size_bytes());
+}
+
+absl::StatusOr<TiffFile> OpenFarTiff(const std::string& path) {
+  auto far = std::make_unique<FarFile>();
+  ISOSCOPE_ASSIGN_OR_RETURN(far->file, io::OpenRandomAccessFile(path));
+  FarError() = absl::OkStatus();
+  TiffFile tiff(TIFFClientOpen(path.c_str(), "rm", far.get(), ReadFar, WriteFar, SeekFar, CloseFar,
+                               SizeOfFar, nullptr, nullptr));
+  if (tiff != nullptr) {
+    static_cast<void>(far.release());  // CloseFar has it
+  }
+  return tiff;
 }
 
 // Sets the type of samples; false if a volume can't have it.
@@ -294,7 +361,15 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
   TIFFSetWarningHandler(CountWarning);  // private tags
   TakeMessage();
   // m: no memory map, so that a cut file is an error and not a signal.
-  TiffFile tiff(TIFFOpen(path.c_str(), "rm"));
+  TiffFile tiff;
+  if (io::IsMounted(path)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(tiff, OpenFarTiff(path));
+    if (tiff == nullptr && !FarError().ok()) {
+      return std::exchange(FarError(), absl::OkStatus());
+    }
+  } else {
+    tiff.reset(TIFFOpen(path.c_str(), "rm"));
+  }
   if (tiff == nullptr) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": can't be read as TIFF: ", TakeMessage()));
@@ -303,6 +378,9 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
 }
 
 absl::Status TiffDamage(const std::string& path) {
+  if (!FarError().ok()) {
+    return std::exchange(FarError(), absl::OkStatus());
+  }
   return absl::DataLossError(absl::StrFormat("%s: can't be decoded: %s", path, TakeMessage()));
 }
 

@@ -29,6 +29,7 @@
 #include "core/formats/stacks/lsm_stack.h"
 #include "core/formats/stacks/ome_stack.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/stack_names.h"
 
 namespace isoscope::source {
@@ -161,6 +162,13 @@ absl::Status CheckPlanes(const std::string& path, std::int64_t planes, TiffStack
         stack->scanned_file = static_cast<std::int32_t>(stack->files.size());
       }
       stack->files.push_back(name == own_name ? path : folder + name);
+      if (io::IsMounted(path) && !io::IsMounted(stack->files.back())) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: is one of a set of files, as %s, which can't be read at an "
+                            "address; bring them all "
+                            "to a folder, each with: isoscope copy ADDRESS DIR",
+                            path, stack->files.back()));
+      }
       if (!io::PathExists(stack->files.back())) {
         return absl::NotFoundError(absl::StrFormat(
             "%s: no such file; %s names it: the files of a set must lie in one folder",

@@ -26,6 +26,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/adapt/rescale.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/decoded_stream.h"
@@ -287,6 +288,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d samples in %d files; expected as many in each", name, stored_count,
                         location.files.size()));
+  }
+  if (location.is_encoded() && io::IsMounted(location.files.front())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name,
+                     ": samples that are compressed as a whole, or text, at an address need the "
+                     "whole file; bring it with: isoscope copy ",
+                     location.files.front()));
   }
   StoredBytes stored(location, stored_count * stored_size);
   ISOSCOPE_RETURN_IF_ERROR(stored.CheckFiles(geometry));

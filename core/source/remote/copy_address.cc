@@ -10,11 +10,12 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
+#include "absl/types/span.h"
 
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
@@ -26,7 +27,12 @@
 #include "core/io/file_lock.h"
 #include "core/source/bytes/byte_source.h"
 #include "core/source/remote/address.h"
+#include "core/source/remote/copy_folder.h"
+#include "core/source/remote/fetch.h"
+#include "core/source/remote/list_objects.h"
 #include "core/source/remote/open_address.h"
+#include "core/source/remote/remote_client.h"
+#include "core/source/remote/transfer_engine.h"
 
 namespace isoscope::source {
 namespace {
@@ -35,7 +41,6 @@ constexpr std::int64_t kMinStretchBytes = 2 * base::kMiB;
 constexpr std::int64_t kMaxStretchBytes = 64 * base::kMiB;
 constexpr std::int64_t kCopyPieceBytes = 2 * base::kMiB;  // many at a time of each stretch
 constexpr std::int64_t kMaxRecordBytes = 64 * base::kKiB;
-constexpr std::size_t kMaxFileNameBytes = 240;  // 255 with the longest ending of ours
 constexpr char kRecordHead[] = "isoscope copy 1";
 
 struct CopyRecord {
@@ -66,20 +71,6 @@ std::optional<CopyRecord> ReadRecord(const std::string& path) {
   record.address = lines[1];
   record.version = lines[2];
   return record;
-}
-
-// The name of the copy.
-absl::StatusOr<std::string> FileNameOf(const Address& address) {
-  std::string name = LastPartOf(address);
-  if (name.empty() || name == "." || name == ".." || name.find('/') != std::string::npos ||
-      name.size() > kMaxFileNameBytes || std::any_of(name.begin(), name.end(), [](char c) {
-        return absl::ascii_iscntrl(static_cast<unsigned char>(c));
-      })) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(NameOf(address), ": ends in ", base::Quoted(name),
-                     ", which is no name of a file; expected the address of one object"));
-  }
-  return name;
 }
 
 // Bytes of an earlier copy that this one goes on from. Says in `note` why there are none, if a file
@@ -149,38 +140,137 @@ absl::Status CopyRest(const ByteSource& source, const std::string& part_path,
   return absl::OkStatus();
 }
 
-}  // namespace
+// Writes a body to a file; a body that begins again begins the file again. It is called by the
+// engine's thread while the copy waits.
+class FileSink : public FetchSink {
+ public:
+  FileSink(std::string path, const CopyHooks& hooks) : path_(std::move(path)), hooks_(hooks) {}
 
-absl::StatusOr<CopyReport> CopyAddress(absl::string_view address, const std::string& folder,
-                                       const RemoteOptions& options, const CopyHooks& hooks,
-                                       const base::Cancellation& cancellation) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const Address parsed, ParseAddress(address));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string name, FileNameOf(parsed));
+  absl::Status Begin(std::int64_t size) override {
+    total_bytes_ = size;
+    done_bytes_ = 0;
+    file_ = nullptr;
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, OpenPart(path_, 0));
+    return absl::OkStatus();
+  }
+  absl::Status Append(absl::string_view bytes) override {
+    ISOSCOPE_RETURN_IF_ERROR(file_->Append(bytes));
+    done_bytes_ += static_cast<std::int64_t>(bytes.size());
+    if (hooks_.progress && total_bytes_ > 0) {
+      hooks_.progress(std::min(done_bytes_, total_bytes_), total_bytes_);
+    }
+    return absl::OkStatus();
+  }
+  // Of an empty body Begin may not have been called.
+  absl::Status Close() {
+    if (file_ == nullptr) {
+      ISOSCOPE_RETURN_IF_ERROR(Begin(0));
+    }
+    return file_->Close();
+  }
+  [[nodiscard]] std::int64_t done_bytes() const { return done_bytes_; }
+
+ private:
+  const std::string path_;
+  const CopyHooks& hooks_;
+  std::unique_ptr<io::WritableFile> file_;
+  std::int64_t done_bytes_ = 0;
+  std::int64_t total_bytes_ = -1;
+};
+
+struct WholeCopy {
+  std::int64_t size_bytes = 0;
+  std::string version;
+  bool is_folder = false;  // the server led to the page of a folder
+};
+// Copies an object with one request, as servers without ranges need it.
+absl::StatusOr<WholeCopy> CopyWhole(RemoteClient* client, const Address& address,
+                                    const std::string& part_path, const CopyHooks& hooks,
+                                    const base::Cancellation& cancellation) {
+  FileSink sink(part_path, hooks);
+  FetchJob job{.address = address, .sink = &sink};
+  ISOSCOPE_RETURN_IF_ERROR(
+      Fetch(client, absl::MakeSpan(&job, 1), /*stops_at_error=*/true, cancellation));
+  ISOSCOPE_RETURN_IF_ERROR(sink.Close());
+  return WholeCopy{.size_bytes = sink.done_bytes(),
+                   .version = job.version.etag,
+                   .is_folder = job.redirected.has_value() &&
+                                job.redirected->path == absl::StrCat(address.path, "/")};
+}
+
+struct CopyParts {
+  std::string path;
+  std::string part = absl::StrCat(path, ".part");
+  std::string record = absl::StrCat(path, ".part.record");
+  std::string lock = absl::StrCat(path, ".part.lock");
+};
+
+absl::Status FinishCopy(const CopyParts& names) {
+  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(names.part, names.path));
+  for (const std::string& path : {names.record, names.lock}) {
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
+  }
+  return absl::OkStatus();
+}
+
+// The error of a copy that made nothing leaves nothing.
+absl::Status EndCopy(const CopyParts& names, const absl::Status& status) {
+  if (!status.ok() && !io::PathExists(names.part)) {
+    io::RemoveRecursively(names.lock).IgnoreError();  // an empty file; the copy's error counts
+  }
+  return status;
+}
+
+// Copies one object. Not set: what is there is the page of a folder.
+absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const Address& address,
+                                                     const std::string& folder,
+                                                     const CopyHooks& hooks,
+                                                     const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string name, CopyNameOf(address));
   CopyReport report{.path = absl::StrCat(folder, "/", name)};
   if (io::PathExists(report.path)) {
     return absl::AlreadyExistsError(
         absl::StrCat(report.path, ": is there already; remove it to copy it again"));
   }
-  RemoteOptions copy_options = options;
-  copy_options.ranges.max_piece_bytes = kCopyPieceBytes;
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source,
-                            OpenAddress(address, copy_options, cancellation));
-  report.size_bytes = source->size_bytes();
+  absl::StatusOr<std::unique_ptr<ByteSource>> source =
+      OpenAddress(address.is_s3 ? NameOf(address) : UrlOf(address), client->options(),
+                  cancellation);
+  const bool is_whole = absl::IsFailedPrecondition(source.status());  // a server without ranges
+  if (!source.ok() && !is_whole) {
+    return source.status();
+  }
   if (!io::PathExists(folder)) {
     ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(folder));
   }
-  const std::string part_path = report.path + ".part";
-  const std::string record_path = part_path + ".record";
-  const std::string lock_path = part_path + ".lock";
+  const CopyParts names{.path = report.path};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::FileLock> lock,
-                            io::FileLock::Take(lock_path));
-  CopyRecord record{
-      .address = source->name(), .version = source->version(), .size = source->size_bytes()};
+                            io::FileLock::Take(names.lock));
+  if (is_whole) {
+    const auto whole = CopyWhole(client, address, names.part, hooks, cancellation);
+    if (!whole.ok()) {
+      return EndCopy(names, whole.status());
+    }
+    if (whole->is_folder) {
+      for (const std::string& path : {names.part, names.lock}) {
+        ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
+      }
+      return std::nullopt;
+    }
+    report.size_bytes = whole->size_bytes;
+    report.version = whole->version;
+    ISOSCOPE_RETURN_IF_ERROR(FinishCopy(names));
+    return report;
+  }
+  report.size_bytes = (*source)->size_bytes();
+  report.version = (*source)->version();
+  CopyRecord record{.address = (*source)->name(),
+                    .version = (*source)->version(),
+                    .size = (*source)->size_bytes()};
   std::string reason;
-  record.done = DoneBytes(record, part_path, record_path, &reason);
+  record.done = DoneBytes(record, names.part, names.record, &reason);
   if (record.done > 0) {
     // A part that is shorter than its record can't be gone on from.
-    const auto part = io::ContinueWritableFile(part_path, record.done);
+    const auto part = io::ContinueWritableFile(names.part, record.done);
     if (!part.ok()) {
       reason = std::string(part.status().message());
       record.done = 0;
@@ -194,20 +284,56 @@ absl::StatusOr<CopyReport> CopyAddress(absl::string_view address, const std::str
     hooks.note(absl::StrCat(report.path, ": begins again: ", reason));
   }
   if (record.done < record.size || record.size == 0) {
-    const absl::Status status =
-        CopyRest(*source, part_path, record_path, &record, hooks, cancellation);
-    if (!status.ok()) {
-      if (!io::PathExists(part_path)) {
-        io::RemoveRecursively(lock_path).IgnoreError();  // an empty file; the copy's error counts
-      }
-      return status;
+    ISOSCOPE_RETURN_IF_ERROR(EndCopy(
+        names, CopyRest(**source, names.part, names.record, &record, hooks, cancellation)));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(FinishCopy(names));
+  return report;
+}
+
+}  // namespace
+
+absl::StatusOr<CopyReport> CopyAddress(absl::string_view address, const std::string& folder,
+                                       const RemoteOptions& options, const CopyHooks& hooks,
+                                       const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Address parsed, ParseAddress(address));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string name, CopyNameOf(parsed));
+  RemoteOptions copy_options = options;
+  copy_options.ranges.max_piece_bytes = kCopyPieceBytes;
+  RemoteClient client(copy_options, TransferEngine::OfProcess());
+  // 1. One object.
+  const std::string& path = parsed.is_s3 ? parsed.key : parsed.path;
+  absl::Status object_error;
+  if (!path.empty() && !absl::EndsWith(path, "/")) {
+    const auto report = CopyObject(&client, parsed, folder, hooks, cancellation);
+    if (report.ok() && report->has_value()) {
+      return **report;
+    }
+    object_error = report.status();
+    const bool may_be_folder = report.ok() || absl::IsNotFound(object_error) ||
+                               (parsed.is_s3 && absl::IsPermissionDenied(object_error));
+    // A file of that name was begun: it is an object, which went away.
+    const std::string part = absl::StrCat(folder, "/", name, ".part");
+    if (!may_be_folder || (io::PathExists(part) && !io::IsDirectory(part))) {
+      return object_error;
     }
   }
-  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(part_path, report.path));
-  for (const std::string& path : {record_path, lock_path}) {
-    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
+  // 2. All below it.
+  const auto objects = ListObjects(&client, parsed, cancellation);
+  if (!objects.ok()) {
+    return object_error.ok() || absl::IsCancelled(objects.status()) ? objects.status()
+                                                                    : object_error;
   }
-  return report;
+  const auto copy_large = [&](const Address& object,
+                              const std::string& below) -> absl::StatusOr<CopyReport> {
+    CopyHooks silent;
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<CopyReport> report,
+                              CopyObject(&client, object, below, silent, cancellation));
+    return report.has_value() ? absl::StatusOr<CopyReport>(*report)
+                              : absl::NotFoundError(absl::StrCat(
+                                    NameOf(object), ": is a folder; expected an object"));
+  };
+  return CopyFolder(&client, parsed, *objects, folder, copy_large, hooks, cancellation);
 }
 
 }  // namespace isoscope::source

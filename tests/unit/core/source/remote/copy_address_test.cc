@@ -169,10 +169,11 @@ TEST_F(CopyAddressTest, EmptyObjectsAreFiles) {
 }
 
 TEST_F(CopyAddressTest, RefusesByName) {
-  for (const char* const path : {"", "/", "/a/", "/a%2Fb", "/a/?x=1"}) {
+  for (const char* const path : {"", "/", "/a%2Fb", "/?x=1"}) {
     EXPECT_THAT(Copy(path), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no name of")))
         << path;
   }
+  EXPECT_THAT(Copy("/a/"), StatusIs(absl::StatusCode::kNotFound, HasSubstr("no index")));
   EXPECT_THAT(Copy("/a/b%2Fc"), StatusIs(absl::StatusCode::kInvalidArgument));
   EXPECT_THAT(Copy("/" + std::string(250, 'n')), StatusIs(absl::StatusCode::kInvalidArgument));
   BreakAt(0);
@@ -195,6 +196,41 @@ TEST_F(CopyAddressTest, CancellationKeepsWhatCame) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport second, Copy());
   EXPECT_EQ(second.kept_bytes, 2 * base::kMiB);
   EXPECT_EQ(Copied(), bytes_);
+}
+
+// python3 -m http.server, for instance.
+TEST_F(CopyAddressTest, TakesAnObjectWholeWhereThereAreNoRanges) {
+  std::atomic<int> cut_count{2};
+  ScriptedServer server([&](const ServedRequest& request, ServedConnection* connection) {
+    if (request.target == "/folder") {
+      connection->Send("HTTP/1.1 301 X\r\nLocation: /folder/\r\nContent-Length: 0\r\n\r\n");
+      return;
+    }
+    if (request.target == "/folder/") {
+      connection->Send(Answer(200, "", "<a href=\"x\">x</a>"));
+      return;
+    }
+    const std::string answer = Answer(200, "", bytes_);
+    const bool is_cut = request.Header("range").empty() && cut_count-- > 0;
+    connection->Send(is_cut ? answer.substr(0, answer.size() / 2) : answer);
+    if (is_cut || !request.Header("range").empty()) {
+      connection->Close();
+    }
+  });
+  const base::Cancellation never;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report,
+                                CopyAddress(server.origin() + "/vol%20ume.raw", dir_.Sub("out"),
+                                            QuickOptions(), {}, never));
+  EXPECT_EQ(report.size_bytes, static_cast<std::int64_t>(bytes_.size()));
+  EXPECT_EQ(report.kept_bytes, 0);
+  EXPECT_EQ(Copied(), bytes_);
+  EXPECT_EQ(FileCount(), 1u);
+  // A server that leads to the page of a folder has no object there.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const CopyReport folder,
+      CopyAddress(server.origin() + "/folder", dir_.Sub("out"), QuickOptions(), {}, never));
+  EXPECT_EQ(folder.object_count, 1);
+  EXPECT_TRUE(std::filesystem::is_directory(dir_.Sub("out/folder")));
 }
 
 }  // namespace
