@@ -78,11 +78,11 @@ bool IsFitsVolume(const FitsPart& part) { return part.is_image && LongAxes(part)
 
 // Returns true if a coordinate is no length on a straight line: "RA---TAN", "FREQ".
 bool IsOfSkyOrSpectrum(const std::string& ctype) {
-  static const auto* const kNames = new std::set<std::string>{
+  static const auto* const names = new std::set<std::string>{
       "RA",   "DEC",  "GLON", "GLAT", "ELON", "ELAT", "FREQ", "ENER", "WAVN",   "VRAD",    "WAVE",
       "VOPT", "ZOPT", "AWAV", "VELO", "BETA", "FELO", "TIME", "UTC",  "STOKES", "VELOCITY"};
   const bool has_algorithm = ctype.size() >= 5 && ctype[4] == '-';
-  return has_algorithm || kNames->contains(ctype);
+  return has_algorithm || names->contains(ctype);
 }
 
 // The matrix CDELT * PC, or CD, of the three axes. Not set if others have a share in it.

@@ -110,6 +110,7 @@ void ZarrStore::TakeConsolidated3(const ZarrJson& root) {
 absl::StatusOr<ZarrStore::Texts> ZarrStore::Read(const std::string& path) {
   const std::vector<std::string> names = {"zarr.json", ".zarray", ".zgroup", ".zattrs"};
   std::vector<ObjectRead> reads;
+  reads.reserve(names.size());
   for (const std::string& name : names) {
     reads.push_back({.key = Below(path, name), .max_size = kMaxZarrJsonBytes});
   }

@@ -23,6 +23,7 @@
 #include "absl/strings/strip.h"
 
 #include "core/base/printable.h"
+#include "core/base/shell_word.h"
 #include "core/base/status_macros.h"
 #include "core/formats/zarr/cf_arrays.h"
 #include "core/formats/zarr/ome_image.h"
@@ -265,14 +266,17 @@ absl::StatusOr<CfRoles> ZarrRolesOf(const CfArray& described, const std::string&
 
 absl::Status NoZarrVolume(const ZarrStore& store, const CfArray& described) {
   const std::string letters = SuggestCfAxes(described.axes);
+  const std::string name = store.NameOf(described.array.path);
   return absl::InvalidArgumentError(absl::StrCat(
-      store.NameOf(described.array.path), ": its axes are ", DescribeCfAxes(described.axes),
+      name, ": its axes are ", DescribeCfAxes(described.axes),
       ", by the names of axes and CF's attributes; expected one Z, one Y and one X of 2 samples or "
       "more",
-      letters.empty() ? ""
-                      : absl::StrCat(": if the file does not say it, you can, slowest first (T "
-                                     "time, C components, - an axis of 1 element): --axes ",
-                                     letters)));
+      letters.empty()
+          ? ""
+          : absl::StrCat(": if the file does not say it, you can, slowest first (T "
+                         "time, C components, - an axis of 1 element), as in "
+                         "`isoscope partition ",
+                         base::ShellWord(name), " --axes ", letters, " --output DIR`")));
 }
 
 bool AreOnOneZarrGrid(const CfArray& a, const CfArray& b) {
