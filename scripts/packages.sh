@@ -40,7 +40,7 @@ ISOSCOPE_UNIT_TEST_PACKAGES=(git python3 openssl procps)
 ISOSCOPE_CLIENT_TEST_PACKAGES=(
   python3-grpcio python3-protobuf python3-numpy python3-pytest python3-mypy python3-pip python3-setuptools
   python3-wheel python3-build python3-venv python3-dask python3-xarray python3-cloudpickle python3-nbconvert
-  python3-ipykernel python3-aiohttp zsh fish mandoc man-db)
+  python3-zarr python3-fsspec python3-ipykernel python3-aiohttp zsh fish mandoc man-db)
 
 # Packages of the tests of clients/web, some 700 MB with all dependencies. Tests whose program is missing are skipped
 # with a message.

@@ -60,6 +60,15 @@ def served(source, **how):
         return dataset, dataset.render(ISOVALUE, size=48).png
 
 
+def in_memory(zarr, objects, key=""):
+    """Returns an array or a group of a store in memory of zarr 2 or 3."""
+    if hasattr(zarr, "DirectoryStore"):
+        return zarr.open(dict(objects), mode="r", path=key or None)
+    buffer = importlib.import_module("zarr.core.buffer.cpu").Buffer
+    store = zarr.storage.MemoryStore({one: buffer.from_bytes(data) for one, data in objects.items()})
+    return zarr.open(store, mode="r", path=key or None)
+
+
 def objects_of(folder):
     """Returns the files below a folder by their keys."""
     paths = [path for path in folder.rglob("*") if path.is_file()]
@@ -107,6 +116,7 @@ def write_variables(folder):
     for name, along in (("x", 10 + 0.5 * np.arange(16)), ("y", np.arange(14.0)), ("z", 2.0 * np.arange(12) - 3)):
         write_array(folder / name, along, (100,), _ARRAY_DIMENSIONS=[name])
     (folder / ".zgroup").write_text('{"zarr_format": 2}')
+    (folder / ".zattrs").write_text("{}")
     metadata = {key: json.loads(data) for key, data in objects_of(folder).items() if "/.z" in f"/{key}"}
     (folder / ".zmetadata").write_text(json.dumps({"zarr_consolidated_format": 1, "metadata": metadata}))
 
@@ -151,7 +161,7 @@ def test_a_zip_is_read_where_it_is_unless_it_is_being_written(zarr, picture, tmp
     store = store_type(path, mode="w")
     group = zarr.group(store=store)
     if hasattr(group, "create_array"):
-        group.create_array("a", data=VALUES, chunks=(5, 6, 7))
+        group.create_array("a", shape=VALUES.shape, chunks=(5, 6, 7), dtype="uint16")[:] = VALUES
     else:
         group.array("a", VALUES, chunks=(5, 6, 7))
     assert served(group["a"])[1] == picture  # its directory is written when it is closed
@@ -169,9 +179,10 @@ def test_an_image_has_the_positions_of_its_levels(zarr, memory, picture, tmp_pat
     for key, data in objects_of(tmp_path / "scan.zarr").items():
         memory.pipe_file(f"/scan.zarr/{key}", data)
     fsspec = needs("fsspec")
+    objects = objects_of(tmp_path / "scan.zarr")
     sources = {
         "folder": lambda key: zarr.open(str(tmp_path / "scan.zarr"), mode="r", path=key or None),
-        "memory": lambda key: zarr.open(fsspec.get_mapper("memory://scan.zarr"), mode="r", path=key or None),
+        "memory": lambda key: in_memory(zarr, objects, key),
         "mapper": lambda key: fsspec.get_mapper(f"memory://scan.zarr/{key}".rstrip("/")),
         "address": lambda key: f"memory://scan.zarr/{key}".rstrip("/"),
     }
@@ -189,11 +200,12 @@ def test_variables_have_the_order_and_the_positions_of_their_coordinates(zarr, m
     for key, data in objects_of(tmp_path / "run.zarr").items():
         memory.pipe_file(f"/run.zarr/{key}", data)
     mapper = needs("fsspec").get_mapper("memory://run.zarr")
+    objects = objects_of(tmp_path / "run.zarr")
     source = {
         "folder": lambda: zarr.open(str(tmp_path / "run.zarr"), mode="r"),
-        "memory": lambda: zarr.open(mapper, mode="r"),
+        "memory": lambda: in_memory(zarr, objects),
         "address": lambda: "memory://run.zarr/u",
-        "array": lambda: zarr.open(mapper, mode="r")["u"],
+        "array": lambda: in_memory(zarr, objects)["u"],
         "listed": lambda: mapper,
     }[where]()
     surfaces = []
