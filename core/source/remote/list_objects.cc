@@ -271,7 +271,8 @@ absl::StatusOr<ListedPage> ParseS3List(absl::string_view xml) {
   if (parser == nullptr) {
     return absl::ResourceExhaustedError("no memory to read a list of S3");
   }
-  ListReader reader{.parser = parser.get()};
+  ListReader reader;
+  reader.parser = parser.get();
   XML_SetUserData(parser.get(), &reader);
   XML_SetElementHandler(parser.get(), StartListTag, EndListTag);
   XML_SetCharacterDataHandler(parser.get(), TakeListText);
