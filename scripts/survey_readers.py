@@ -241,7 +241,7 @@ def read_zarr3(folder, metadata):
     keys = metadata["chunk_key_encoding"]
     is_v2 = keys["name"] == "v2"
     separator = keys.get("configuration", {}).get("separator", "." if is_v2 else "/")
-    array = np.full([-(-size // part) * part for size, part in zip(shape, chunk)], metadata["fill_value"], dtype)
+    array = np.full([-(-size // part) * part for size, part in zip(shape, chunk)], metadata["fill_value"] or 0, dtype)
     for place in np.ndindex(*[-(-size // part) for size, part in zip(shape, chunk)]):
         key = separator.join(([] if is_v2 else ["c"]) + [str(i) for i in place])
         path = os.path.join(folder, key)

@@ -26,6 +26,7 @@
 #include "core/base/coding.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/source/grid/axis_order.h"
 
 namespace isoscope::source {
 namespace {
@@ -297,6 +298,50 @@ absl::StatusOr<volume::GridGeometry> NpyGrid(const NpyHeader& header, const std:
   const absl::Status valid = volume::Validate(geometry);
   return valid.ok() ? absl::StatusOr<volume::GridGeometry>(geometry)
                     : absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
+}
+
+absl::StatusOr<NpyVolumes> NpyVolumesOf(const NpyHeader& header, const std::string& axes,
+                                        const std::string& name) {
+  const auto order = ParseAxisOrder(axes);
+  const std::string shape = absl::StrCat("shape (", absl::StrJoin(header.shape, ", "), ")");
+  if (!order.ok() || axes.size() != header.shape.size()) {
+    const std::string choices = AxisChoices(header.shape.size());
+    return NpyError(name, absl::StrCat(shape, " and --axes ", axes, ": ",
+                                       order.ok() ? "expected a letter for each axis"
+                                                  : order.status().message(),
+                                       choices.empty() ? "" : absl::StrCat(", such as ", choices)));
+  }
+  // 1. The axis beside those of space; axes of one element do not count.
+  NpyVolumes volumes;
+  std::size_t place = 0;
+  for (std::size_t axis = 0; axis < axes.size(); ++axis) {
+    if (axis == order->z || axis == order->y || axis == order->x || header.shape[axis] == 1) {
+      continue;
+    }
+    const bool is_time = axis == order->t;
+    if ((!is_time && axis != order->c) || volumes.count != 1) {
+      return NpyError(name, absl::StrCat(shape, " and --axes ", axes,
+                                         ": expected one of T and C, and - for axes of 1 element: "
+                                         "save one volume of it, numpy.save(FILE, array[0])"));
+    }
+    volumes.count = header.shape[axis];
+    volumes.are_steps = is_time;
+    place = axis;
+  }
+  if (volumes.count != 1) {
+    if (place > order->z && place < order->x) {
+      return NpyError(name, absl::StrCat(shape, " and --axes ", axes,
+                                         ": expected T or C in front of Z, Y and X, or behind: "
+                                         "numpy.moveaxis(array, ",
+                                         place, ", 0) has it there"));
+    }
+    volumes.are_fastest = (place > order->x) != header.is_fortran;
+  }
+  // 2. The grid.
+  NpyHeader one = header;
+  one.shape = {header.shape[order->z], header.shape[order->y], header.shape[order->x]};
+  ISOSCOPE_ASSIGN_OR_RETURN(volumes.geometry, NpyGrid(one, name));
+  return volumes;
 }
 
 }  // namespace isoscope::source

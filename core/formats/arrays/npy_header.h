@@ -48,6 +48,19 @@ absl::StatusOr<NpyHeader> ParseNpyHeader(absl::string_view head, const std::stri
 // volume::Validate.
 absl::StatusOr<volume::GridGeometry> NpyGrid(const NpyHeader& header, const std::string& name);
 
+// Several volumes of one array, which follow each other or lie side by side.
+struct NpyVolumes {
+  volume::GridGeometry geometry{};
+  std::int64_t count = 1;
+  bool are_steps = false;    // of time; else components
+  bool are_fastest = false;  // the samples of all at one place lie together
+};
+// The same by the letters of its axes (ParseAxisOrder): besides Z, Y and X one of T (steps) and C
+// (components), in front of them or behind. INVALID_ARGUMENT: letters that do not fit, which names
+// the shape; T or C between the others, or both; volume::Validate.
+absl::StatusOr<NpyVolumes> NpyVolumesOf(const NpyHeader& header, const std::string& axes,
+                                        const std::string& name);
+
 }  // namespace isoscope::source
 
 #endif  // ISOSCOPE_CORE_FORMATS_ARRAYS_NPY_HEADER_H_

@@ -94,15 +94,24 @@ bool IsNpy(absl::string_view head) { return IsNpyHeader(head); }
 bool IsNpz(absl::string_view head) { return absl::EndsWith(FirstZipName(head), kNpyEnding); }
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenNpySeries(const std::string& path,
-                                                            const std::string& field) {
+                                                            const std::string& field,
+                                                            const std::string& axes) {
   ISOSCOPE_ASSIGN_OR_RETURN(const FileStart start, ReadFileStart(path, kNpyHeadBytes));
   ISOSCOPE_ASSIGN_OR_RETURN(const NpyHeader header, ParseNpyHeader(start.bytes, path));
   FileLayout layout{.wide = header.wide};
-  ISOSCOPE_ASSIGN_OR_RETURN(layout.geometry, NpyGrid(header, path));
+  NpyVolumes volumes;
+  if (axes.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(volumes.geometry, NpyGrid(header, path));
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(volumes, NpyVolumesOf(header, axes, path));
+  }
+  layout.geometry = volumes.geometry;
+  (volumes.are_steps ? layout.steps : layout.components) = volumes.count;
   layout.location = {.files = {path},
                      .encoding = start.is_gzip ? SampleEncoding::kDeflate : SampleEncoding::kRaw,
                      .is_big_endian = header.is_big_endian,
                      .stored_type = header.type};
+  (volumes.are_fastest ? layout.location.components : layout.location.volume_count) = volumes.count;
   (start.is_gzip ? layout.location.decoded_skip : layout.location.offset) = header.samples_start;
   return MakeLayoutSeries(path, field, std::move(layout));
 }

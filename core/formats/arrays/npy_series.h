@@ -18,10 +18,13 @@ namespace isoscope::source {
 bool IsNpy(absl::string_view head);
 bool IsNpz(absl::string_view head);
 
-// Opens an array, plain or in a gzip stream, as one field of that name.
-// INVALID_ARGUMENT: as ParseNpyHeader and NpyGrid; the file is too short.
+// Opens an array, plain or in a gzip stream, as one field of that name. `axes`: letters of --axes,
+// by which an array of four axes has steps or components (NpyVolumesOf); "": three axes.
+// INVALID_ARGUMENT: as ParseNpyHeader, NpyGrid, NpyVolumesOf, MakeLayoutSeries; the file is too
+// short.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenNpySeries(const std::string& path,
-                                                            const std::string& field);
+                                                            const std::string& field,
+                                                            const std::string& axes = "");
 
 // Opens an archive of arrays, stored or deflated. Its members are fields: "a.npy" is a. Without a
 // part they are all volumes that have the grid of the first one; those of other grids are

@@ -53,7 +53,8 @@ absl::StatusOr<std::vector<double>> ReadCoordinates(const ZarrStore& store,
   std::vector<double> values(count);
   if (array.time.has_value()) {
     for (std::size_t i = 0; i < count; ++i) {
-      const auto stored = base::LoadLittleEndian<std::int64_t>(bytes.data() + i * sizeof(stored));
+      const auto stored =
+          base::LoadLittleEndian<std::int64_t>(bytes.data() + i * sizeof(std::int64_t));
       values[i] = stored == std::numeric_limits<std::int64_t>::min()
                       ? std::numeric_limits<double>::quiet_NaN()
                       : static_cast<double>(stored) * array.time->multiple / array.time->divisor;

@@ -331,7 +331,7 @@ std::optional<ZarrPath> FindZarrPath(const std::string& path) {
 }
 
 bool IsZarrArchive(const std::string& file) {
-  const auto bytes = OpenFileBytes(file);
+  auto bytes = OpenFileBytes(file);
   const auto zip = bytes.ok() ? OpenZipStore(*std::move(bytes)) : bytes.status();
   if (!zip.ok()) {
     return false;

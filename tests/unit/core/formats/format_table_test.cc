@@ -70,7 +70,7 @@ TEST(FormatTest, AxesAreForTheFormatsThatTakeThem) {
         StatusIs(absl::StatusCode::kInvalidArgument,
                  HasSubstr("a: --axes TZ: the axes of this kind of file have their meaning; "
                            "--axes is for datasets of HDF5 files, for arrays of Zarr, for TIFF, "
-                           "for netCDF, as "
+                           "for arrays of NumPy (.npy), for netCDF, as "
                            "--axes Z for slices in any order of numbers")));
   }
 }

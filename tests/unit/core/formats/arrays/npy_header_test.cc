@@ -147,6 +147,44 @@ TEST(NpyHeaderTest, TheGridHasTheLastIndexAlongX) {
   EXPECT_THAT(grid({5, 2, 3, 4}), StatusIs(kInvalid, HasSubstr("numpy.save(FILE, array[0])")));
 }
 
+TEST(NpyHeaderTest, LettersSayWhatAFourthAxisIs) {
+  const auto volumes_of = [](const char* shape, const std::string& axes,
+                             bool is_fortran = false) -> absl::StatusOr<NpyVolumes> {
+    const auto header = ParseNpyHeader(NpyBytes("<u2", shape, "", is_fortran), "a.npy");
+    return header.ok() ? NpyVolumesOf(*header, axes, "a.npy") : header.status();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NpyVolumes steps, volumes_of("(5, 2, 3, 4)", "TZYX"));
+  EXPECT_EQ(steps.geometry.sample_dims, (math::Index3{4, 3, 2}));
+  EXPECT_EQ(steps.count, 5);
+  EXPECT_TRUE(steps.are_steps);
+  EXPECT_FALSE(steps.are_fastest);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NpyVolumes colours, volumes_of("(2, 3, 4, 5)", "zyxc"));
+  EXPECT_EQ(colours.count, 5);
+  EXPECT_FALSE(colours.are_steps);
+  EXPECT_TRUE(colours.are_fastest);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NpyVolumes fortran, volumes_of("(2, 3, 4, 5)", "ZYXT", true));
+  EXPECT_EQ(fortran.geometry.sample_dims, (math::Index3{2, 3, 4}));
+  EXPECT_FALSE(fortran.are_fastest);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const NpyVolumes one, volumes_of("(1, 2, 3, 1, 4)", "TZYCX"));
+  EXPECT_EQ(one.count, 1);
+  EXPECT_EQ(one.geometry.sample_dims, (math::Index3{4, 3, 2}));
+  const struct {
+    const char* shape;
+    const char* axes;
+    const char* said;
+  } kBad[] = {{"(5, 2, 3, 4)", "ZYX", "such as TZYX"},
+              {"(5, 2, 3, 4)", "TZXY", "--axes TZXY"},
+              {"(5, 2, 3, 4)", "QZYX", "--axes QZYX"},
+              {"(5, 2, 3, 4)", "-ZYX", "one of T and C"},
+              {"(5, 2, 2, 3, 4)", "TCZYX", "one of T and C"},
+              {"(2, 5, 3, 4)", "ZTYX", "numpy.moveaxis(array, 1, 0)"},
+              {"(5, 2, 1, 4)", "TZYX", "a.npy"}};
+  for (const auto& bad : kBad) {
+    EXPECT_THAT(volumes_of(bad.shape, bad.axes), StatusIs(kInvalid, HasSubstr(bad.said)))
+        << bad.axes;
+  }
+}
+
 TEST(NpyHeaderTest, CountsBeyondAnyFileAreKnown) {
   constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
   EXPECT_EQ((NpyHeader{.shape = {kMost, kMost}}.SampleCount()), -1);

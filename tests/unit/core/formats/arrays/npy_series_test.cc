@@ -5,7 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -165,6 +167,53 @@ TEST_F(NpySeriesTest, MembersOfAnArchiveAreFields) {
       OpenVolumeSeries(path + ":x"),
       StatusIs(absl::StatusCode::kNotFound,
                AllOf(HasSubstr("no array \"x\""), HasSubstr("it holds step, p, what, q, deep/r"))));
+}
+
+// Each of four axes, in either order: the element at (t, z, y, x) is 1000 t + 100 z + 10 y + x.
+TEST_F(NpySeriesTest, AFourthAxisIsStepsOrComponents) {
+  constexpr std::int64_t kCount = 5;
+  constexpr math::Index3 kSize{4, 3, 2};
+  for (const bool is_fortran : {false, true}) {
+    for (const std::string axes : {"TZYX", "CZYX", "ZYXT", "ZYXC"}) {
+      SCOPED_TRACE(absl::StrCat(axes, is_fortran));
+      const bool is_first = axes[0] != 'Z';
+      const std::vector<std::int64_t> shape = is_first ? std::vector<std::int64_t>{kCount, 2, 3, 4}
+                                                       : std::vector<std::int64_t>{2, 3, 4, kCount};
+      std::vector<std::uint16_t> stored;
+      for (std::int64_t i = 0; i < kCount * 24; ++i) {
+        std::vector<std::int64_t> index(4);
+        std::int64_t rest = i;
+        for (std::size_t k = 0; k < 4; ++k) {
+          const std::size_t axis = is_fortran ? k : 3 - k;
+          index[axis] = rest % shape[axis];
+          rest /= shape[axis];
+        }
+        const std::size_t z = is_first ? 1 : 0;
+        stored.push_back(static_cast<std::uint16_t>(
+            1000 * index[is_first ? 0 : 3] + 100 * index[z] + 10 * index[z + 1] + index[z + 2]));
+      }
+      const std::string path =
+          Write("a.npy", NpyBytes("<u2", absl::StrCat("(", absl::StrJoin(shape, ", "), ")"),
+                                  BytesOf(stored), is_fortran));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenNpySeries(path, "a", axes));
+      const bool are_steps = absl::StrContains(axes, 'T');
+      EXPECT_EQ(series->info().step_count(), are_steps ? kCount : 1);
+      EXPECT_EQ(series->info().fields[0].components.size(), are_steps ? 1U : 5U);
+      for (int i = 0; i < kCount; ++i) {
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume,
+                                      series->Open(0, are_steps ? 0 : i, are_steps ? i : 0));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*volume, 1));
+        std::vector<std::uint16_t> expected;
+        for (std::int64_t k = 0; k < 24; ++k) {
+          const std::int64_t x = is_fortran ? k / (kSize.z * kSize.y) : k % kSize.x;
+          const std::int64_t y = is_fortran ? k / kSize.z % kSize.y : k / kSize.x % kSize.y;
+          const std::int64_t z = is_fortran ? k % kSize.z : k / (kSize.x * kSize.y);
+          expected.push_back(static_cast<std::uint16_t>(1000 * i + 100 * z + 10 * y + x));
+        }
+        EXPECT_EQ(read, BytesOf(expected));
+      }
+    }
+  }
 }
 
 TEST_F(NpySeriesTest, RefusesInASentence) {
