@@ -223,9 +223,10 @@ def test_a_dict_of_arrays_of_zarr_is_not_read_into_memory(zarr):
         isoscope.serve({"p": zarr.array(VALUES)})
 
 
-def test_what_a_store_says_itself_is_not_said_twice(zarr):
-    with pytest.raises(InvalidArgumentError, match="a file or a store has its own"):
-        isoscope.serve(zarr.array(VALUES), units="K")
+def test_what_a_store_says_itself_is_not_said_twice(zarr, programs):
+    for source in (zarr.array(VALUES), "s3://bucket/not-asked.nrrd"):
+        with pytest.raises(InvalidArgumentError, match="a file or a store has its own"):
+            isoscope.serve(source, units="K")
 
 
 # ---- what is copied
@@ -389,7 +390,8 @@ def test_a_file_of_fsspec_is_copied_in_blocks(memory, picture, tmp_path, monkeyp
     assert dataset.name == "v" and png == picture and told[-1] == (size, size) and len(told) == -(-size // 1000)
     assert served(fsspec.open("memory://dir/v.npy"))[1] == picture
     assert served(fsspec.open(str(tmp_path / "v.npy")))[1] == picture
-    assert served((tmp_path / "v.npy").as_uri())[1] == picture
+    (tmp_path / "v w.npy").write_bytes((tmp_path / "v.npy").read_bytes())
+    assert served((tmp_path / "v w.npy").as_uri())[1] == picture
 
 
 def test_wrong_addresses_are_named(programs, memory):
@@ -420,10 +422,11 @@ def test_a_file_that_ends_early_is_no_volume(memory, tmp_path, monkeypatch):
 def test_a_path_with_colons_is_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert stores.is_address("s3://bucket/key") and stores.is_address("simplecache::s3://bucket/key")
-    for path in ("volume.nii.gz", "C:/volume", "scan.zarr:labels/cells", "a:b", ""):
+    assert stores.is_address("zip://v.npy::memory://v.zip")
+    for path in ("volume.nii.gz", "C:/volume", "a::b", "run/s3://x", "scan.zarr:labels/cells", "a:b", ""):
         assert not stores.is_address(path), path
-    (tmp_path / "odd::name").write_text("")
-    assert not stores.is_address("odd::name")
+    (tmp_path / "s3:" / "bucket").mkdir(parents=True)
+    assert not stores.is_address("s3://bucket")
 
 
 class Handler(http.server.SimpleHTTPRequestHandler):

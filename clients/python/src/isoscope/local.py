@@ -261,10 +261,10 @@ def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tupl
     own, become a dataset folder by `isoscope partition`.
     """
     if stores.is_store(source) or isinstance(source, (str, os.PathLike)):
-        found = _located(program, source, server, wanted)
-        path = found.path
         if wanted.given("times", "vectors", "units", "time_unit", "length_unit"):
             raise InvalidArgumentError("times, vectors and units are for arrays: a file or a store has its own")
+        found = _located(program, source, server, wanted)
+        path = found.path
         if os.path.isfile(os.path.join(path, "manifest.json")):
             given = wanted.given("spacing", "origin", "direction", "axes", "resample")
             if given:

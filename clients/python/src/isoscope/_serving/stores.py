@@ -24,6 +24,7 @@ import os
 import pathlib
 import re
 import sys
+import urllib.parse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -44,7 +45,9 @@ _MOST_GROUPS_ABOVE = 16
 _MOST_LEVELS = 64
 _COPIED_TOGETHER = 8
 _BLOCK_BYTES = 8 << 20
-_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://|.*::", re.DOTALL)
+# "s3://bucket/key", "simplecache::s3://bucket/key"
+_ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*::)*[A-Za-z][A-Za-z0-9+.-]*://")
+_ARCHIVES = (".zip", ".ozx")
 
 
 class _Objects(Protocol):
@@ -283,11 +286,13 @@ def _located_address(
     address: str, opener: Opener, scratch: Callable[[], pathlib.Path], progress: Progress
 ) -> Located:
     if address.startswith("file://"):
-        return Located(address[len("file://") :], False)
+        path = address[len("file://") :]
+        return Located(path if os.path.exists(path) else urllib.parse.unquote(path), False)
     if opener.can_open(address):
         return Located(address, False)
     name = _shown(address)
-    is_store_of_zarr = ".zarr" in name.partition("://")[2] or "." not in name.rstrip("/").rpartition("/")[2]
+    last = name.rstrip("/").rpartition("/")[2]
+    is_store_of_zarr = (".zarr" in name or "." not in last) and not last.endswith(_ARCHIVES)
     if not is_store_of_zarr:
         copied = opener.copy(address, scratch() / "copy")
         if copied is not None:
