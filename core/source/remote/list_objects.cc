@@ -3,6 +3,7 @@
 #include <expat.h>
 
 #include <algorithm>
+#include <array>
 #include <memory>
 #include <optional>
 #include <set>
@@ -194,31 +195,28 @@ absl::StatusOr<std::vector<ListedObject>> ListBucket(RemoteClient* client, const
 
 // ---- Pages of an index. -------------------------------------------------------------------------
 
-// Takes any bytes.
-class NoSink : public FetchSink {
- public:
-  absl::Status Begin(std::int64_t /*size*/) override { return absl::OkStatus(); }
-  absl::Status Append(absl::string_view /*bytes*/) override { return absl::OkStatus(); }
-};
-
 // Servers leave names out that begin with '.': the metadata of Zarr 2. Adds those that are there, and
 // that `names` does not have. Returns true if the folder is a group.
 absl::StatusOr<bool> AddHiddenNames(RemoteClient* client, const Address& folder,
                                     const base::Cancellation& cancellation,
                                     std::vector<std::string>* names) {
-  NoSink sink;
+  constexpr std::array<const char*, 4> kHidden = {".zgroup", ".zarray", ".zattrs", ".zmetadata"};
+  std::array<PageSink, kHidden.size()> sinks;
   std::vector<std::string> hidden;
   std::vector<FetchJob> jobs;
-  for (const char* const name : {".zgroup", ".zarray", ".zattrs", ".zmetadata"}) {
+  for (const char* const name : kHidden) {
     if (std::find(names->begin(), names->end(), name) == names->end()) {
+      jobs.push_back({.address = AddressBelow(folder, name), .sink = &sinks[hidden.size()]});
       hidden.emplace_back(name);
-      jobs.push_back({.address = AddressBelow(folder, name), .sink = &sink});
     }
   }
   Fetch(client, absl::MakeSpan(jobs), /*stops_at_error=*/false, cancellation).IgnoreError();
   for (std::size_t i = 0; i < jobs.size(); ++i) {
     if (jobs[i].status.ok()) {
-      names->push_back(hidden[i]);
+      // Some servers have a page for every name.
+      if (absl::StartsWith(absl::StripLeadingAsciiWhitespace(sinks[i].bytes()), "{")) {
+        names->push_back(hidden[i]);
+      }
     } else if (!absl::IsNotFound(jobs[i].status) && !absl::IsPermissionDenied(jobs[i].status)) {
       return jobs[i].status;
     }
