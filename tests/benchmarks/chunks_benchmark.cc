@@ -63,8 +63,7 @@ std::string EncodedChunk(std::int64_t side, std::int64_t z0, std::int64_t y0, st
     }
   }
   std::string encoded(ZSTD_compressBound(samples.size()), '\0');
-  encoded.resize(
-      ZSTD_compress(encoded.data(), encoded.size(), samples.data(), samples.size(), 3));
+  encoded.resize(ZSTD_compress(encoded.data(), encoded.size(), samples.data(), samples.size(), 3));
   return encoded;
 }
 
@@ -80,10 +79,9 @@ std::string WriteShard(std::int64_t side, std::int64_t shard_side, std::int64_t 
   const std::int64_t count = shard_side / kChunkSide;
   chunks->resize(static_cast<std::size_t>(count * count * count));
   tbb::parallel_for(std::int64_t{0}, count * count * count, [&](std::int64_t i) {
-    (*chunks)[static_cast<std::size_t>(i)] =
-        EncodedChunk(side, z * shard_side + i / (count * count) * kChunkSide,
-                     y * shard_side + i / count % count * kChunkSide,
-                     x * shard_side + i % count * kChunkSide);
+    (*chunks)[static_cast<std::size_t>(i)] = EncodedChunk(
+        side, z * shard_side + i / (count * count) * kChunkSide,
+        y * shard_side + i / count % count * kChunkSide, x * shard_side + i % count * kChunkSide);
   });
   std::string shard;
   std::string index;
@@ -103,7 +101,8 @@ std::unique_ptr<ShardedVolume> WriteVolume(std::int64_t side) {
   const std::int64_t shard_side = std::min<std::int64_t>(side, 256);
   std::filesystem::create_directories(volume->folder);
   const std::string dims = absl::StrCat("[", side, ",", side, ",", side, "]");
-  const std::string shard_dims = absl::StrCat("[", shard_side, ",", shard_side, ",", shard_side, "]");
+  const std::string shard_dims =
+      absl::StrCat("[", shard_side, ",", shard_side, ",", shard_side, "]");
   std::ofstream(absl::StrCat(volume->folder, "/zarr.json")) << absl::StrCat(
       R"({"zarr_format": 3, "node_type": "array", "data_type": "uint16", "fill_value": 0, "shape": )",
       dims, R"(, "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": )", shard_dims,
@@ -152,8 +151,8 @@ void BM_Decode(benchmark::State& state) {
   for (auto _ : state) {
     tbb::parallel_for(std::size_t{0}, volume.chunks.size(), [&](std::size_t i) {
       std::string& out = buffers.local();
-      const std::size_t size = ZSTD_decompress(out.data(), out.size(), volume.chunks[i].data(),
-                                               volume.chunks[i].size());
+      const std::size_t size =
+          ZSTD_decompress(out.data(), out.size(), volume.chunks[i].data(), volume.chunks[i].size());
       ISOSCOPE_CHECK_EQ(size, out.size());
     });
   }
@@ -194,8 +193,9 @@ void BM_Read(benchmark::State& state) {
   SetBytes(state);
 }
 
-#define ISOSCOPE_CHUNKS_BENCHMARK(name) \
-  BENCHMARK(name)->ArgName("side")->Arg(128)->Arg(1024)->UseRealTime()->Unit(benchmark::kMillisecond)
+#define ISOSCOPE_CHUNKS_BENCHMARK(name)                                       \
+  BENCHMARK(name)->ArgName("side")->Arg(128)->Arg(1024)->UseRealTime()->Unit( \
+      benchmark::kMillisecond)
 ISOSCOPE_CHUNKS_BENCHMARK(BM_Decode);
 ISOSCOPE_CHUNKS_BENCHMARK(BM_Load);
 ISOSCOPE_CHUNKS_BENCHMARK(BM_Read);

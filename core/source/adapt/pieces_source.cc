@@ -151,7 +151,7 @@ class PiecesSource final : public VolumeSource {
   const OpenPiece open_;
   std::list<Opened> opened_;  // the last used first
   const base::Cancellation* cancellation_ = nullptr;
-  std::vector<char> rows_;    // of one piece
+  std::vector<char> rows_;  // of one piece
 };
 
 }  // namespace

@@ -110,7 +110,8 @@ class WideSource final : public VolumeSource {
         type == WideType::kFloat16 ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
     return info;
   }
-  [[nodiscard]] absl::Status OutOfRange(std::int64_t row, std::int64_t x, const char* sample) const {
+  [[nodiscard]] absl::Status OutOfRange(std::int64_t row, std::int64_t x,
+                                        const char* sample) const {
     const math::Index3& dims = info().geometry.sample_dims;
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: the sample at (%d, %d, %d) is %s; 64-bit integers are stored as float64, which is "

@@ -123,8 +123,7 @@ class TransposeCodec final : public ChunkCodec {
   std::vector<std::int64_t> strides_;     // in the stored array, by axis of the chunk; bytes
 };
 
-absl::StatusOr<std::vector<std::size_t>> OrderOf(const ChunkJson& configuration,
-                                                 std::size_t rank) {
+absl::StatusOr<std::vector<std::size_t>> OrderOf(const ChunkJson& configuration, std::size_t rank) {
   const auto found = configuration.find("order");
   std::vector<std::size_t> order;
   if (found != configuration.end() && (*found == "C" || *found == "F")) {
@@ -144,10 +143,9 @@ absl::StatusOr<std::vector<std::size_t>> OrderOf(const ChunkJson& configuration,
       is_used[order.back()] = true;
     }
   }
-  return order.size() == rank
-             ? absl::StatusOr<std::vector<std::size_t>>(std::move(order))
-             : absl::InvalidArgumentError(absl::StrFormat(
-                   "its order does not name each of the %d axes once", rank));
+  return order.size() == rank ? absl::StatusOr<std::vector<std::size_t>>(std::move(order))
+                              : absl::InvalidArgumentError(absl::StrFormat(
+                                    "its order does not name each of the %d axes once", rank));
 }
 
 absl::StatusOr<std::unique_ptr<ChunkCodec>> MakeTranspose(const ChunkJson& configuration,

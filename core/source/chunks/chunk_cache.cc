@@ -7,8 +7,8 @@ namespace isoscope::source {
 void ChunkCache::KeepPlanesOf(const ChunkBox& box) {
   const base::MutexLock lock(&mutex_);
   for (auto entry = entries_.begin(); entry != entries_.end();) {
-    const bool is_used = entry->second.begin < box.end[plane_axis_] &&
-                         entry->second.end > box.begin[plane_axis_];
+    const bool is_used =
+        entry->second.begin < box.end[plane_axis_] && entry->second.end > box.begin[plane_axis_];
     if (is_used) {
       ++entry;
     } else {

@@ -41,7 +41,8 @@ absl::string_view RefusalOf(absl::string_view name) {
   if (name == "blosc2") {
     return "blosc2, for which Debian has no library";
   }
-  if (name == "zfpy" || name == "zfp" || name == "pcodec" || name == "jpeg" || name == "jpeg2k" || name == "jpegxl" || name == "imagecodecs_jpeg2k") {
+  if (name == "zfpy" || name == "zfp" || name == "pcodec" || name == "jpeg" || name == "jpeg2k" ||
+      name == "jpegxl" || name == "imagecodecs_jpeg2k") {
     return "which is not read";
   }
   return "which is unknown";
@@ -100,9 +101,8 @@ absl::StatusOr<std::vector<CodecSpec>> CodecSpecsFrom(const ChunkJson& list) {
     spec.name = name->get<std::string>();
     if (const auto found = item.find("configuration"); found != item.end() && !found->is_null()) {
       if (!found->is_object()) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("codec \"%s\": its configuration is no object",
-                            base::Printable(spec.name)));
+        return absl::InvalidArgumentError(absl::StrFormat(
+            "codec \"%s\": its configuration is no object", base::Printable(spec.name)));
       }
       spec.configuration = *found;
     }

@@ -30,10 +30,10 @@ using ChunkJson = nlohmann::json;
 // Numbers of an array, C order, little-endian; or bytes.
 struct ChunkData {
   bool is_array = true;
-  std::vector<std::int64_t> dims{};           // of an array
-  NumberType type = NumberType::kUint8;       // of an array
-  std::string fill{};                         // one number of an array; empty: not known
-  std::int64_t size_bytes = 0;                // at most, if it is not exact
+  std::vector<std::int64_t> dims{};      // of an array
+  NumberType type = NumberType::kUint8;  // of an array
+  std::string fill{};                    // one number of an array; empty: not known
+  std::int64_t size_bytes = 0;           // at most, if it is not exact
   bool is_exact = true;
 };
 // REQUIRES: the product of the sizes fits 63 bits.

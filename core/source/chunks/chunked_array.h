@@ -18,8 +18,8 @@
 namespace isoscope::source {
 
 struct ChunkedArrayInfo {
-  std::string name;       // path and array, for messages
-  ChunkIndex dims{};      // at least one axis, the slowest first
+  std::string name;         // path and array, for messages
+  ChunkIndex dims{};        // at least one axis, the slowest first
   ChunkIndex chunk_dims{};  // of what is decoded as one: an inner chunk of a shard
   NumberType type = NumberType::kUint8;
   std::int64_t memory_bytes = 0;  // while a box is read, beside the output and the cache

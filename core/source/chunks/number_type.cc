@@ -68,11 +68,10 @@ std::optional<T> IntegerFrom(const nlohmann::json& value) {
   }
   if (value.is_number_integer()) {
     const auto number = value.get<std::int64_t>();
-    const bool fits = std::is_signed_v<T> ? number >= static_cast<std::int64_t>(
-                                                          std::numeric_limits<T>::lowest()) &&
-                                                number <= static_cast<std::int64_t>(
-                                                              std::numeric_limits<T>::max())
-                                          : number >= 0;
+    const bool fits = std::is_signed_v<T>
+                          ? number >= static_cast<std::int64_t>(std::numeric_limits<T>::lowest()) &&
+                                number <= static_cast<std::int64_t>(std::numeric_limits<T>::max())
+                          : number >= 0;
     return fits ? std::optional(static_cast<T>(number)) : std::nullopt;
   }
   if (value.is_number_float()) {
@@ -114,8 +113,8 @@ std::uint16_t HalfBits(double value) {
   std::frexp(magnitude, &exponent);  // magnitude in [2^(exponent - 1), 2^exponent)
   const auto fraction =
       static_cast<std::uint32_t>(std::nearbyint(std::ldexp(magnitude, 11 - exponent)));  // 2^10 on
-  return static_cast<std::uint16_t>(
-      sign + (static_cast<std::uint32_t>(exponent + 13) << 10) + fraction);
+  return static_cast<std::uint16_t>(sign + (static_cast<std::uint32_t>(exponent + 13) << 10) +
+                                    fraction);
 }
 
 }  // namespace
@@ -124,9 +123,7 @@ std::size_t SizeOf(NumberType type) {
   return VisitNumberType(type, []<typename T>() { return sizeof(T); });
 }
 
-absl::string_view NameOf(NumberType type) {
-  return kNumbers[static_cast<std::size_t>(type)].name;
-}
+absl::string_view NameOf(NumberType type) { return kNumbers[static_cast<std::size_t>(type)].name; }
 
 std::optional<NumberType> NumberTypeFromName(absl::string_view name) {
   for (const NamedNumber& number : kNumbers) {
@@ -183,8 +180,8 @@ SampleType SampleTypeOf(NumberType type) {
 }
 
 absl::StatusOr<std::string> NumberBytes(const nlohmann::json& value, NumberType type) {
-  const bool is_float = type == NumberType::kFloat16 || type == NumberType::kFloat32 ||
-                        type == NumberType::kFloat64;
+  const bool is_float =
+      type == NumberType::kFloat16 || type == NumberType::kFloat32 || type == NumberType::kFloat64;
   if (!is_float) {
     return VisitNumberType(type, [&]<typename T>() -> absl::StatusOr<std::string> {
       if constexpr (std::is_integral_v<T>) {

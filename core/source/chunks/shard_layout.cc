@@ -46,7 +46,8 @@ class ShardCodec final : public ChunkCodec {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::vector<ShardEntry> entries,
         layout_->DecodeIndex(absl::string_view(encoded).substr(
-            static_cast<std::size_t>(layout_->is_index_at_end() ? size - layout_->index_bytes() : 0),
+            static_cast<std::size_t>(layout_->is_index_at_end() ? size - layout_->index_bytes()
+                                                                : 0),
             static_cast<std::size_t>(layout_->index_bytes()))));
     const ChunkGrid& grid = layout_->grid();
     const ChunkBox shard = BoxOf(grid.dims());
@@ -113,8 +114,7 @@ absl::StatusOr<std::shared_ptr<const ShardLayout>> ShardLayout::Make(const Chunk
   }
   // 1. The chunks of a shard.
   const auto shape = configuration.find("chunk_shape");
-  if (shape == configuration.end() || !shape->is_array() ||
-      shape->size() != shard.dims.size()) {
+  if (shape == configuration.end() || !shape->is_array() || shape->size() != shard.dims.size()) {
     return absl::InvalidArgumentError(
         absl::StrFormat("its chunk_shape is no list of %d sizes", shard.dims.size()));
   }
@@ -124,8 +124,8 @@ absl::StatusOr<std::shared_ptr<const ShardLayout>> ShardLayout::Make(const Chunk
     const std::int64_t whole = shard.dims[axis];
     if (!size.is_number_integer() || size < 1 || size > whole ||
         whole % size.get<std::int64_t>() != 0) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "its chunks do not fill shards of %s", DescribeIndex(shard.dims)));
+      return absl::InvalidArgumentError(
+          absl::StrFormat("its chunks do not fill shards of %s", DescribeIndex(shard.dims)));
     }
     chunk_dims.push_back(size.get<std::int64_t>());
   }

@@ -47,7 +47,8 @@ class ShardLayout {
   [[nodiscard]] std::int64_t max_bytes() const;
 
   // DATA_LOSS: damaged; an entry with more bytes than a chunk can have, or at no place of a file.
-  [[nodiscard]] absl::StatusOr<std::vector<ShardEntry>> DecodeIndex(absl::string_view encoded) const;
+  [[nodiscard]] absl::StatusOr<std::vector<ShardEntry>> DecodeIndex(
+      absl::string_view encoded) const;
 
  private:
   ShardLayout(ChunkGrid grid, CodecChain chunk_codecs, CodecChain index_codecs,

@@ -372,8 +372,8 @@ class StoredArray final : public ChunkedArray {
 
   const std::shared_ptr<const ObjectStore> store_;
   const StoredArraySpec spec_;
-  const CodecChain chain_;                            // of an object
-  const std::shared_ptr<const ShardLayout> shards_;   // null: an object is a chunk
+  const CodecChain chain_;                           // of an object
+  const std::shared_ptr<const ShardLayout> shards_;  // null: an object is a chunk
   const ChunkGrid objects_;
   const ChunkGrid chunks_;
   const std::int64_t lanes_;  // chunks that are decoded at a time
@@ -388,18 +388,18 @@ absl::Status InArray(const StoredArraySpec& spec, const absl::Status& status) {
 
 absl::Status CheckSizes(const StoredArraySpec& spec) {
   if (spec.dims.empty() || spec.dims.size() > kMaxChunkAxes) {
-    return absl::InvalidArgumentError(absl::StrFormat("%d axes; expected 1 to %d", spec.dims.size(),
-                                                      kMaxChunkAxes));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%d axes; expected 1 to %d", spec.dims.size(), kMaxChunkAxes));
   }
   if (spec.chunk_dims.size() != spec.dims.size()) {
-    return absl::InvalidArgumentError(absl::StrFormat("%d axes, and chunks of %d", spec.dims.size(),
-                                                      spec.chunk_dims.size()));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%d axes, and chunks of %d", spec.dims.size(), spec.chunk_dims.size()));
   }
   for (std::size_t axis = 0; axis < spec.dims.size(); ++axis) {
     if (spec.dims[axis] < 0 || spec.chunk_dims[axis] < 1) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("sizes %s in chunks of %s; expected sizes from 0 on, and chunks from 1 on",
-                          DescribeIndex(spec.dims), DescribeIndex(spec.chunk_dims)));
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "sizes %s in chunks of %s; expected sizes from 0 on, and chunks from 1 on",
+          DescribeIndex(spec.dims), DescribeIndex(spec.chunk_dims)));
     }
   }
   const auto size = static_cast<std::int64_t>(SizeOf(spec.type));
@@ -411,10 +411,10 @@ absl::Status CheckSizes(const StoredArraySpec& spec) {
 }
 
 absl::Status ChunkTooLarge(const ChunkIndex& dims, std::int64_t limit) {
-  return absl::InvalidArgumentError(
-      absl::StrFormat("chunks of %s; expected at most %d bytes to decode one: write it with smaller "
-                      "chunks",
-                      DescribeIndex(dims), limit));
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "chunks of %s; expected at most %d bytes to decode one: write it with smaller "
+      "chunks",
+      DescribeIndex(dims), limit));
 }
 
 }  // namespace
@@ -438,9 +438,9 @@ absl::StatusOr<std::unique_ptr<ChunkedArray>> OpenStoredArray(
   if (has_shards) {
     auto layout = ShardLayout::Make(spec.codecs[0].configuration, object);
     if (!layout.ok()) {
-      return InArray(spec, absl::Status(layout.status().code(),
-                                        absl::StrCat("codec \"sharding_indexed\": ",
-                                                     layout.status().message())));
+      return InArray(
+          spec, absl::Status(layout.status().code(), absl::StrCat("codec \"sharding_indexed\": ",
+                                                                  layout.status().message())));
     }
     shards = *std::move(layout);
     chunk_dims = shards->grid().chunk_dims();
@@ -465,7 +465,8 @@ absl::StatusOr<std::unique_ptr<ChunkedArray>> OpenStoredArray(
   const std::int64_t threads = std::max<std::int64_t>(std::thread::hardware_concurrency(), 1);
   const std::int64_t lanes = std::clamp<std::int64_t>(kMaxDecodingBytes / chunk, 1, threads);
   const std::int64_t memory_bytes =
-      2 * batch + lanes * chunk + (has_shards ? std::max(kMaxIndexBytes, shards->index_bytes()) : 0);
+      2 * batch + lanes * chunk +
+      (has_shards ? std::max(kMaxIndexBytes, shards->index_bytes()) : 0);
   ChunkedArrayInfo info{.name = spec.name,
                         .dims = spec.dims,
                         .chunk_dims = std::move(chunk_dims),

@@ -20,11 +20,11 @@ namespace isoscope::source {
 
 // Metadata, whatever their format.
 struct StoredArraySpec {
-  std::string name;        // for messages
+  std::string name;  // for messages
   ChunkIndex dims{};
   ChunkIndex chunk_dims{};  // of an object
   NumberType type = NumberType::kUint8;
-  std::string fill{};  // one number, little-endian: those of chunks that are not there
+  std::string fill{};               // one number, little-endian: those of chunks that are not there
   std::vector<CodecSpec> codecs{};  // in the order of encoding
   // The key of a chunk's object, by its index.
   std::function<std::string(const ChunkIndex&)> key_of{};

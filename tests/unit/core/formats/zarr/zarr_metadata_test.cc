@@ -145,8 +145,8 @@ TEST(ZarrMetadataTest, RefusesByName) {
     const char* said;
   } kZarr3[] = {{"\"zarr_format\": 3", "\"zarr_format\": 4", "zarr_format"},
                 {"\"uint16\"", "\"complex64\"", "complex64"},
-                {"\"uint16\"", R"({"name": "numpy.datetime64", "configuration": {"unit": "s"}})",
-                 "numpy.datetime64"},
+                {"\"uint16\"", R"({"name": "numpy.datetime64", "configuration": {"unit": "Y"}})",
+                 "years and months"},
                 {"\"regular\"", "\"rectilinear\"", "rectilinear"},
                 {"\"default\"", "\"suffix\"", "suffix"},
                 {", \"fill_value\": 0", "", "fill_value"},

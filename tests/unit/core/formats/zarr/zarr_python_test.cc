@@ -55,7 +55,7 @@ for i, dtype in enumerate(types):
             compressor=numcodecs.Zlib(1), dimension_separator="./"[i % 2])
 compressors = [None, numcodecs.GZip(3), numcodecs.Zlib(6), numcodecs.BZ2(2), numcodecs.LZ4(),
                numcodecs.Zstd(5), numcodecs.LZMA(), numcodecs.LZMA(format=2),
-               numcodecs.LZMA(filters=[dict(id=3, dist=2), dict(id=33, preset=1)])]
+               numcodecs.LZMA(preset=1)]
 compressors += [numcodecs.Blosc(cname=c, clevel=l, shuffle=s)
                 for c in ("blosclz", "lz4", "lz4hc", "zlib", "zstd", "snappy")
                 for l in (0, 5) for s in (0, 1, 2)]

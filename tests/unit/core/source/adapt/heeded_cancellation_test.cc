@@ -38,9 +38,7 @@ class WaitingSource final : public VolumeSource {
     std::fill_n(out, (end_row - begin_row) * info().row_bytes(), '\0');
     return heeded_ == nullptr ? absl::OkStatus() : heeded_->Check();
   }
-  void HeedCancellation(const base::Cancellation* cancellation) override {
-    heeded_ = cancellation;
-  }
+  void HeedCancellation(const base::Cancellation* cancellation) override { heeded_ = cancellation; }
 
  private:
   static SourceInfo InfoOf(volume::ScalarType type) {
@@ -69,11 +67,12 @@ std::vector<Adapted> AllAdapted() {
   components.push_back(Waiting());
   components.push_back(Waiting());
   all.push_back({"magnitude", MakeMagnitudeSource(std::move(components))});
-  all.push_back({"resampled",
-                 *ResampleSource(Waiting(), {std::vector<double>{0, 1, 2, 4}, {}, {}}, {})});
-  all.push_back({"pieces", MakePiecesSource(Waiting()->info(),
-                                            {{.begin = {0, 0, 0}, .end = kDims, .first = {0, 0, 0}}},
-                                            1000, [](std::size_t) { return Waiting(); })});
+  all.push_back(
+      {"resampled", *ResampleSource(Waiting(), {std::vector<double>{0, 1, 2, 4}, {}, {}}, {})});
+  all.push_back(
+      {"pieces",
+       MakePiecesSource(Waiting()->info(), {{.begin = {0, 0, 0}, .end = kDims, .first = {0, 0, 0}}},
+                        1000, [](std::size_t) { return Waiting(); })});
   return all;
 }
 
@@ -94,9 +93,9 @@ TEST(HeededCancellationTest, AdaptersHandItOn) {
     ISOSCOPE_EXPECT_OK(source.ReadRows(2, 4, rows.data()));
   }
   // A piece that is opened later heeds it, too.
-  const auto pieces = MakePiecesSource(
-      Waiting()->info(), {{.begin = {0, 0, 0}, .end = kDims, .first = {0, 0, 0}}}, 1000,
-      [](std::size_t) { return Waiting(); });
+  const auto pieces =
+      MakePiecesSource(Waiting()->info(), {{.begin = {0, 0, 0}, .end = kDims, .first = {0, 0, 0}}},
+                       1000, [](std::size_t) { return Waiting(); });
   const CancellableReads reads(pieces.get(), cancelled);
   std::string row(8, '?');
   EXPECT_THAT(pieces->ReadRows(0, 1, row.data()), StatusIs(absl::StatusCode::kCancelled, _));
