@@ -1,6 +1,6 @@
-"""Samples of arrays on their way to a file, in parts: an array that is read or computed in chunks need not fit in memory.
+"""Samples of arrays on their way to a file, in parts: an array that comes in chunks need not fit in memory.
 
-1. `as_array` tells what an array is: numpy's as it is; those of dask, zarr and lazy ones of xarray as `LazyArray`.
+1. `as_array` gives an array of dask as it is, all else by numpy. Those of xarray are a `LazyArray`.
 2. `write_samples` reserves the bytes in the file, so that a full disk is known before the first chunk is computed.
 3. Arrays of numpy are written in order, 64 MiB at a time.
 4. Of others batches of whole chunks are computed, each chunk once. Each lands at its place in the file.
@@ -200,7 +200,8 @@ def _place(
             return
     data = part.reshape(-1).view(np.uint8).data
     for number, place in enumerate(np.ndindex(*part.shape[:axis])):
-        at = begin + sum((s + p) * stride for s, p, stride in zip(starts, place, strides)) + starts[axis] * strides[axis]
+        row = sum((s + p) * stride for s, p, stride in zip(starts, place, strides))
+        at = begin + row + starts[axis] * strides[axis]
         _write_all(descriptor, data[number * run_bytes : (number + 1) * run_bytes], at)
 
 

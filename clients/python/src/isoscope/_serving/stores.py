@@ -150,7 +150,8 @@ class _Files:
         return True
 
     def children(self, key: str) -> Sequence[str]:
-        return sorted({str(one).rstrip("/").rpartition("/")[2] for one in self._system.ls(self._path(key), detail=False)})
+        paths = self._system.ls(self._path(key), detail=False)
+        return sorted({str(one).rstrip("/").rpartition("/")[2] for one in paths})
 
     def store(self) -> tuple[_Files, str]:
         """Returns the files of the store that this is a group or an array of, and its key there."""
@@ -302,7 +303,8 @@ def _located_address(
         system, path = fsspec.core.url_to_fs(address)
     except ImportError as error:
         raise MissingPackageError(
-            f"{name}: this address needs fsspec, and the package of its protocol (s3fs for s3, aiohttp for http): {error}"
+            f"{name}: this address needs fsspec, and the package of its protocol (s3fs for s3, aiohttp for http): "
+            f"{error}"
         ) from error
     except ValueError as error:
         raise InvalidArgumentError(f"{name}: {printable(str(error))}") from error
@@ -468,7 +470,9 @@ class _Array:
                 raise InvalidArgumentError(f"{where}: its chunk grid is {grid.get('name')!r}, must be 'regular'")
             chunk = (grid.get("configuration") or {}).get("chunk_shape")
         if not (_are_sides(shape, 0) and _are_sides(chunk, 1) and len(shape) == len(chunk)):
-            raise InvalidArgumentError(f"{where}: the shape {shape!r} and that of chunks {chunk!r} are not those of an array")
+            raise InvalidArgumentError(
+                f"{where}: the shape {shape!r} and that of chunks {chunk!r} are not those of an array"
+            )
         self.shape: list[int] = shape
         self._grid = [-(-side // step) for side, step in zip(shape, chunk)]
         self.chunk_count = math.prod(self._grid)
@@ -483,7 +487,8 @@ class _Array:
         """Returns it with a separator that Zarr 2 may leave to the store."""
         if self._is_3 or "dimension_separator" in self.files[".zarray"]:
             return self
-        return _Array(self.where, {**self.files, ".zarray": {**self.files[".zarray"], "dimension_separator": separator}})
+        metadata = {**self.files[".zarray"], "dimension_separator": separator}
+        return _Array(self.where, {**self.files, ".zarray": metadata})
 
     def dimensions(self) -> list[str]:
         """Returns the names of arrays with coordinates."""
