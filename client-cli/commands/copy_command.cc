@@ -75,8 +75,8 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(report.status());
   *context.out << base::Printable(report->path) << ": "
                << (report->object_count > 0 ? absl::StrCat(report->object_count, " files, ") : "")
-               << FormatMebibytes(report->size_bytes)
-               << " in " << FormatElapsed(base::MonotonicNow() - start) << "\n";
+               << FormatMebibytes(report->size_bytes) << " in "
+               << FormatElapsed(base::MonotonicNow() - start) << "\n";
   return absl::OkStatus();
 }
 
@@ -95,12 +95,11 @@ Action RegisterCopyFlags(FlagSet* set) {
 }  // namespace
 
 Command CopyCommand() {
-  return {
-      .name = "copy",
-      .summary = "Copies files from a web server or S3 to a folder, and goes on where it ended",
-      .usage = "ADDRESS [DIR] [--quiet]",
-      .examples = kExamples,
-      .register_flags = RegisterCopyFlags};
+  return {.name = "copy",
+          .summary = "Copies files from a web server or S3 to a folder, and goes on where it ended",
+          .usage = "ADDRESS [DIR] [--quiet]",
+          .examples = kExamples,
+          .register_flags = RegisterCopyFlags};
 }
 
 }  // namespace isoscope::cli

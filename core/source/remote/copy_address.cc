@@ -232,9 +232,8 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
     return absl::AlreadyExistsError(
         absl::StrCat(report.path, ": is there already; remove it to copy it again"));
   }
-  absl::StatusOr<std::unique_ptr<ByteSource>> source =
-      OpenAddress(address.is_s3 ? NameOf(address) : UrlOf(address), client->options(),
-                  cancellation);
+  absl::StatusOr<std::unique_ptr<ByteSource>> source = OpenAddress(
+      address.is_s3 ? NameOf(address) : UrlOf(address), client->options(), cancellation);
   const bool is_whole = absl::IsFailedPrecondition(source.status());  // a server without ranges
   if (!source.ok() && !is_whole) {
     return source.status();
@@ -284,8 +283,8 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
     hooks.note(absl::StrCat(report.path, ": begins again: ", reason));
   }
   if (record.done < record.size || record.size == 0) {
-    ISOSCOPE_RETURN_IF_ERROR(EndCopy(
-        names, CopyRest(**source, names.part, names.record, &record, hooks, cancellation)));
+    ISOSCOPE_RETURN_IF_ERROR(
+        EndCopy(names, CopyRest(**source, names.part, names.record, &record, hooks, cancellation)));
   }
   ISOSCOPE_RETURN_IF_ERROR(FinishCopy(names));
   return report;

@@ -33,7 +33,7 @@ struct CopyHooks {
 struct CopyReport {
   std::string path;  // of the copy
   std::int64_t size_bytes = 0;
-  std::int64_t kept_bytes = 0;  // that an earlier call had copied
+  std::int64_t kept_bytes = 0;    // that an earlier call had copied
   std::int64_t object_count = 0;  // of a folder; 0: one object
   std::string version = {};       // of an object, as ByteSource::version
 };

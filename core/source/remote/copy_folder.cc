@@ -210,8 +210,8 @@ absl::StatusOr<std::vector<ListedObject>> FolderCopy::KeepCopied(
   const auto versions = ReadRecord();
   if (!io::IsDirectory(part_path_) || !versions.has_value()) {
     if (hooks_.note && io::PathExists(part_path_)) {
-      hooks_.note(absl::StrCat(part_path_, ": begins again: it has no record of ",
-                               NameOf(prefix_)));
+      hooks_.note(
+          absl::StrCat(part_path_, ": begins again: it has no record of ", NameOf(prefix_)));
     }
     ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(part_path_));
     ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(part_path_));
@@ -265,8 +265,9 @@ absl::StatusOr<std::vector<ListedObject>> FolderCopy::KeepCopied(
   if (hooks_.note) {
     hooks_.note(absl::StrCat(
         part_path_, ": goes on after ", done_objects_, " of ", total_objects_, " objects",
-        changed > 0 ? absl::StrCat("; ", changed, " are copied again, because they may have changed")
-                    : ""));
+        changed > 0
+            ? absl::StrCat("; ", changed, " are copied again, because they may have changed")
+            : ""));
   }
   return rest;
 }
@@ -312,8 +313,7 @@ absl::Status FolderCopy::CopyRest(const std::vector<ListedObject>& objects,
         error = error.ok() ? jobs[i].status : error;
         continue;
       }
-      ISOSCOPE_RETURN_IF_ERROR(
-          io::WriteFileAtomically(PathOf(small[i]->key), sinks[i].bytes()));
+      ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(PathOf(small[i]->key), sinks[i].bytes()));
       absl::StrAppend(&lines, VersionOf(jobs[i].version), "\t", small[i]->key, "\n");
       report_.size_bytes += static_cast<std::int64_t>(sinks[i].bytes().size());
       ++done_objects_;
@@ -343,9 +343,9 @@ absl::StatusOr<std::string> CopyNameOf(const Address& address) {
       name.size() > kMaxFolderNameBytes || std::any_of(name.begin(), name.end(), [](char c) {
         return absl::ascii_iscntrl(static_cast<unsigned char>(c));
       })) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(NameOf(address), ": ends in ", base::Quoted(name),
-                     ", which is no name of a file; expected the address of an object or a folder"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        NameOf(address), ": ends in ", base::Quoted(name),
+        ", which is no name of a file; expected the address of an object or a folder"));
   }
   return name;
 }

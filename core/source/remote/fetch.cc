@@ -261,7 +261,8 @@ class Fetching : public TransferSink {
         return CheckVersion();
       }
       return absl::FailedPreconditionError(
-          "the server ignores ranges: it answers 200 with the whole object; bring it with: isoscope "
+          "the server ignores ranges: it answers 200 with the whole object; bring it with: "
+          "isoscope "
           "copy ADDRESS; or use a server with ranges");
     }
     if (head_.status != 206) {

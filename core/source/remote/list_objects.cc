@@ -250,9 +250,9 @@ absl::Status ListPage(RemoteClient* client, const Address& top, const Address& f
     } else {
       Address next = AddressBelow(folder, absl::StripSuffix(name, "/"));
       next.path.push_back('/');
-      ISOSCOPE_RETURN_IF_ERROR(
-          ListPage(client, top, next, absl::StrCat(key, "/"), depth + 1,
-                   is_group || absl::EndsWith(key, ".zarr"), cancellation, objects));
+      ISOSCOPE_RETURN_IF_ERROR(ListPage(client, top, next, absl::StrCat(key, "/"), depth + 1,
+                                        is_group || absl::EndsWith(key, ".zarr"), cancellation,
+                                        objects));
     }
     if (objects->size() > kMaxListedObjects) {
       return absl::ResourceExhaustedError(absl::StrCat(
@@ -346,7 +346,8 @@ absl::StatusOr<std::vector<ListedObject>> ListObjects(RemoteClient* client, cons
     if (!absl::EndsWith(top.path, "/")) {
       top.path.push_back('/');
     }
-    ISOSCOPE_RETURN_IF_ERROR(ListPage(client, top, top, "", 0, /*may_be_zarr=*/true, cancellation, &objects));
+    ISOSCOPE_RETURN_IF_ERROR(
+        ListPage(client, top, top, "", 0, /*may_be_zarr=*/true, cancellation, &objects));
   }
   for (const ListedObject& object : objects) {
     const absl::Status valid = CheckObjectKey(object.key);

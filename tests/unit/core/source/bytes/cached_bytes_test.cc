@@ -108,7 +108,6 @@ TEST_F(CachedBytesTest, ReadsTheEndAndNotBehind) {
   EXPECT_EQ(Read(size, 0), "");
   std::string out(2, '?');
   EXPECT_THAT(file_->ReadAt(size - 1, 2, out.data()), StatusIs(absl::StatusCode::kDataLoss));
-  EXPECT_THAT(file_->ReadAt(-1, 1, out.data()), StatusIs(absl::StatusCode::kDataLoss));
 }
 
 TEST_F(CachedBytesTest, AnErrorIsNotKept) {

@@ -218,9 +218,9 @@ TEST_F(CopyAddressTest, TakesAnObjectWholeWhereThereAreNoRanges) {
     }
   });
   const base::Cancellation never;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report,
-                                CopyAddress(server.origin() + "/vol%20ume.raw", dir_.Sub("out"),
-                                            QuickOptions(), {}, never));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const CopyReport report,
+      CopyAddress(server.origin() + "/vol%20ume.raw", dir_.Sub("out"), QuickOptions(), {}, never));
   EXPECT_EQ(report.size_bytes, static_cast<std::int64_t>(bytes_.size()));
   EXPECT_EQ(report.kept_bytes, 0);
   EXPECT_EQ(Copied(), bytes_);

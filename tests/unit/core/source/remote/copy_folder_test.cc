@@ -25,10 +25,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
+using testing::Answer;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using testing::Answer;
 using testing::ScriptedServer;
 using testing::ServedConnection;
 using testing::ServedRequest;
@@ -61,9 +61,10 @@ class CopyFolderTest : public testing::FolderTest {
                           "</Key><Size>", bytes.size(), "</Size></Contents>");
         }
       }
-      connection->Send(Answer(200, "", absl::StrCat("<ListBucketResult>", contents,
-                                                    "<IsTruncated>false</IsTruncated>"
-                                                    "</ListBucketResult>")));
+      connection->Send(Answer(200, "",
+                              absl::StrCat("<ListBucketResult>", contents,
+                                           "<IsTruncated>false</IsTruncated>"
+                                           "</ListBucketResult>")));
       return;
     }
     const std::string key = target.substr(8);  // "/bucket/"
@@ -78,8 +79,8 @@ class CopyFolderTest : public testing::FolderTest {
       for (const auto& [other, bytes] : objects_) {
         if (absl::StartsWith(other, key)) {
           const std::string rest = other.substr(key.size());
-          names.insert(rest.substr(0, rest.find('/') == std::string::npos ? rest.size()
-                                                                          : rest.find('/') + 1));
+          names.insert(rest.substr(
+              0, rest.find('/') == std::string::npos ? rest.size() : rest.find('/') + 1));
         }
       }
       std::string page;

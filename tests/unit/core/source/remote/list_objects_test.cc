@@ -18,10 +18,10 @@
 namespace isoscope::source {
 namespace {
 
+using testing::Answer;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using testing::Answer;
 using testing::ScriptedServer;
 using testing::ServedConnection;
 using testing::ServedRequest;
@@ -43,8 +43,8 @@ std::string Contents(const std::string& key, const std::string& size = "3") {
 }
 
 TEST(ListObjectsTest, ReadsAListOfS3) {
-  const auto page = ParseS3List(
-      S3List(Contents("a/b%20c", "12") + Contents("a/d+e%2Bf", "0"), "t1&amp;2"));
+  const auto page =
+      ParseS3List(S3List(Contents("a/b%20c", "12") + Contents("a/d+e%2Bf", "0"), "t1&amp;2"));
   ASSERT_THAT(page.status(), testing::IsOk());
   ASSERT_EQ(page->objects.size(), 2u);
   EXPECT_EQ(page->objects[0].key, "a/b c");
@@ -55,15 +55,15 @@ TEST(ListObjectsTest, ReadsAListOfS3) {
 
 TEST(ListObjectsTest, RefusesWhatIsNoListOfS3) {
   for (const std::string& text :
-       {std::string(), std::string("<html></html>"), std::string("{}"),
-        S3List(Contents("a", "-1")), S3List(Contents("a", "x")), S3List(Contents("%zz")),
-        S3List(Contents("a")).substr(0, 150), S3List("<Contents>"),
-        "<!DOCTYPE x [<!ENTITY a \"aaaa\">]>" + S3List(Contents("&a;")),
+       {std::string(), std::string("<html></html>"), std::string("{}"), S3List(Contents("a", "-1")),
+        S3List(Contents("a", "x")), S3List(Contents("%zz")), S3List(Contents("a")).substr(0, 150),
+        S3List("<Contents>"), "<!DOCTYPE x [<!ENTITY a \"aaaa\">]>" + S3List(Contents("&a;")),
         S3List(Contents(std::string(10'000, 'k')))}) {
     EXPECT_THAT(ParseS3List(text).status(), StatusIs(kInvalid, HasSubstr("no list"))) << text;
   }
   std::string cut = S3List("", "t");
-  cut.replace(cut.find("<NextC"), cut.find("</NextContinuationToken>") + 24 - cut.find("<NextC"), "");
+  cut.replace(cut.find("<NextC"), cut.find("</NextContinuationToken>") + 24 - cut.find("<NextC"),
+              "");
   EXPECT_THAT(ParseS3List(cut).status(), StatusIs(kInvalid, HasSubstr("no token")));
 }
 
@@ -90,12 +90,14 @@ class ListServerTest : public ::testing::Test {
           connection->Send(found == pages_.end() ? Answer(404, "", "")
                                                  : Answer(200, "", found->second));
         }),
-        client_([this] {
-          RemoteOptions options = QuickOptions();
-          options.s3.endpoint = server_.origin();
-          options.s3.region = "eu-test-1";
-          return options;
-        }(), TransferEngine::OfProcess()) {}
+        client_(
+            [this] {
+              RemoteOptions options = QuickOptions();
+              options.s3.endpoint = server_.origin();
+              options.s3.region = "eu-test-1";
+              return options;
+            }(),
+            TransferEngine::OfProcess()) {}
 
   absl::StatusOr<std::vector<ListedObject>> List(const std::string& address) {
     const base::Cancellation never;
