@@ -46,8 +46,8 @@ namespace fs = std::filesystem;
 
 using ::isoscope::testing::AfniBytes;
 using ::isoscope::testing::AnalyzeBytes;
-using ::isoscope::testing::FitsBytes;
 using ::isoscope::testing::FitsCubeCards;
+using ::isoscope::testing::FitsPartBytes;
 using ::isoscope::testing::Gzip;
 using ::isoscope::testing::Hdf5MeshWriter;
 using ::isoscope::testing::MghBytes;
@@ -460,7 +460,7 @@ const std::vector<Kind>& Kinds() {
        {"a.npz"}},
       {"fits",
        [](const TempDir& dir) {
-         WriteFile(dir.Sub("a.fits"), FitsBytes(FitsCubeCards(8), Bytes('a')));
+         WriteFile(dir.Sub("a.fits"), FitsPartBytes(FitsCubeCards(8), Bytes('a')));
          return OpenRequest{.path = dir.Sub("a.fits")};
        },
        {"a.fits"}},
