@@ -343,6 +343,26 @@ def test_uneven_coordinates_are_refused_by_name_or_resampled(programs, xarray):
     assert points[:, 2] == pytest.approx(3.5, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    "dim, coordinates, words",
+    [
+        ("x", [0, 1, np.nan, 3, 4], 'axis "x": its coordinate 2 of 5 is missing'),
+        ("x", [0, 1, 1, 2, 3], 'axis "x" has the coordinate 1 behind 1'),
+        ("x", [7] * 5, 'axis "x" begins and ends at 7'),
+        ("y", [0.0, 1, 2, 3.01], 'axis "y" is not even'),
+        ("x", np.arange(5).astype("datetime64[s]").astype("datetime64[ns]"), r"its axes are .*x \(T, 5\)"),
+        ("time", [3.0, 2.0], 'time axis "time" has 2 at index 1, behind 3'),
+        ("time", np.array(["2000-01-01", "NaT"], "datetime64[ns]"), 'time axis "time" has .* at index 1'),
+    ],
+)  # fmt: skip
+def test_coordinates_that_are_no_positions_are_refused_by_name(programs, xarray, dim, coordinates, words):
+    array = xarray.DataArray(np.zeros((2, 3, 4, 5), np.float32), dims=("time", "z", "y", "x"), name="u")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # xarray casts NaT
+        with pytest.raises(ProgramError, match=words):
+            isoscope.serve(array.assign_coords({dim: coordinates}))
+
+
 def test_dimensions_that_nothing_explains_are_named_and_can_be_told(programs, xarray):
     array = xarray.DataArray(np.zeros((2, 3, 4, 5), np.float32), dims=("run", "z", "y", "x"), name="u")
     with pytest.raises(ProgramError, match="run"):

@@ -11,6 +11,7 @@ import os
 import re
 import sys
 import threading
+import zipfile
 
 import numpy as np
 import pytest
@@ -218,6 +219,20 @@ def test_variables_have_the_order_and_the_positions_of_their_coordinates(zarr, m
     assert surfaces[0] == pytest.approx(surfaces[1], rel=1e-4)
 
 
+def test_consolidated_metadata_are_read(zarr, tmp_path):
+    write_variables(tmp_path / "run.zarr")
+    objects = objects_of(tmp_path / "run.zarr")
+    if hasattr(zarr, "DirectoryStore"):
+        group = zarr.open_consolidated(objects, mode="r")
+    else:
+        group = in_memory(zarr, objects)
+    for source in (group, group["u"]):
+        found = stores.located(source, None, lambda: tmp_path / source.path / "scratch", Progress())
+        files = objects_of(tmp_path / source.path / "scratch" / "copy.zarr")
+        assert found.is_copy and {"u/.zarray", "u/.zattrs", "x/.zarray", "x/0", "u/2.2.2"} <= files.keys()
+        assert json.loads(files["u/.zarray"])["shape"] == [16, 14, 12] and ".zmetadata" not in files
+
+
 def test_a_dict_of_arrays_of_zarr_is_not_read_into_memory(zarr):
     with pytest.raises(InvalidArgumentError, match="the dict has 'p', a zarr.Array.*dask.array.from_zarr"):
         isoscope.serve({"p": zarr.array(VALUES)})
@@ -389,6 +404,11 @@ def test_a_file_of_fsspec_is_copied_in_blocks(memory, picture, tmp_path, monkeyp
     size = (tmp_path / "v.npy").stat().st_size
     assert dataset.name == "v" and png == picture and told[-1] == (size, size) and len(told) == -(-size // 1000)
     assert served(fsspec.open("memory://dir/v.npy"))[1] == picture
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.write(tmp_path / "v.npy", "v.npy")
+    memory.pipe_file("/dir/v.zip", packed.getvalue())
+    assert served("zip://v.npy::memory://dir/v.zip")[1] == picture
     assert served(fsspec.open(str(tmp_path / "v.npy")))[1] == picture
     (tmp_path / "v w.npy").write_bytes((tmp_path / "v.npy").read_bytes())
     assert served((tmp_path / "v w.npy").as_uri())[1] == picture

@@ -196,6 +196,10 @@ class _Loader(Loader):
         self._loader = loader
         self._finder = finder
 
+    def __getattr__(self, name: str) -> Any:
+        """Gives the rest of the loader to those who only ask whether xarray is there."""
+        return getattr(self._loader, name)
+
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
         created: ModuleType | None = self._loader.create_module(spec)
         return created

@@ -188,7 +188,9 @@ def _explained(name: str, key: str) -> Iterator[None]:
 
 
 def _as_bytes(data: Any) -> bytes:
-    return bytes(memoryview(data).cast("B")) if not isinstance(data, bytes) else data
+    if isinstance(data, Mapping):  # consolidated metadata of zarr 2 are parsed
+        return json.dumps(data).encode()
+    return data if isinstance(data, bytes) else bytes(memoryview(data).cast("B"))
 
 
 def _write(path: pathlib.Path, data: bytes) -> None:
