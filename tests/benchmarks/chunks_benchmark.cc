@@ -8,7 +8,8 @@
 //   Load     the bytes of all shards from the page cache, into one buffer of its thread
 //   Read     layer after layer of chunks by the reader, which the operating system's cache serves
 //
-// 1024^3 takes 2.5 GB of the temporary folder and of memory:
+// Times are those of the clock, and of all threads' processors, which count where other programs
+// run. 1024^3 takes 2.5 GB of the temporary folder and of memory:
 //   chunks_benchmark --benchmark_filter=side:1024 --benchmark_repetitions=7
 //       --benchmark_enable_random_interleaving=true
 
@@ -193,9 +194,15 @@ void BM_Read(benchmark::State& state) {
   SetBytes(state);
 }
 
-#define ISOSCOPE_CHUNKS_BENCHMARK(name)                                       \
-  BENCHMARK(name)->ArgName("side")->Arg(128)->Arg(1024)->UseRealTime()->Unit( \
-      benchmark::kMillisecond)
+#define ISOSCOPE_CHUNKS_BENCHMARK(name) \
+  BENCHMARK(name)                       \
+      ->ArgName("side")                 \
+      ->Arg(128)                        \
+      ->Arg(512)                        \
+      ->Arg(1024)                       \
+      ->MeasureProcessCPUTime()         \
+      ->UseRealTime()                   \
+      ->Unit(benchmark::kMillisecond)
 ISOSCOPE_CHUNKS_BENCHMARK(BM_Decode);
 ISOSCOPE_CHUNKS_BENCHMARK(BM_Load);
 ISOSCOPE_CHUNKS_BENCHMARK(BM_Read);
