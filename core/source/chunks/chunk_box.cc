@@ -145,10 +145,23 @@ void CopyPart(const ChunkBox& part, std::size_t element_size, const ChunkBox& fr
     --row_axis;
     row_bytes *= part.end[row_axis] - part.begin[row_axis];
   }
-  VisitRows(part, row_axis, [&](const ChunkIndex& index) {
-    std::memcpy(to + OffsetOf(index, to_box, to_strides),
-                from + OffsetOf(index, from_box, from_strides),
+  if (row_axis == 0) {
+    std::memcpy(to + OffsetOf(part.begin, to_box, to_strides),
+                from + OffsetOf(part.begin, from_box, from_strides),
                 static_cast<std::size_t>(row_bytes));
+    return;
+  }
+  // Rows along the axis in front of them have places that go up by strides.
+  const std::size_t inner = row_axis - 1;
+  const std::int64_t count = part.end[inner] - part.begin[inner];
+  VisitRows(part, inner, [&](const ChunkIndex& index) {
+    char* out = to + OffsetOf(index, to_box, to_strides);
+    const char* in = from + OffsetOf(index, from_box, from_strides);
+    for (std::int64_t i = 0; i < count; ++i) {
+      std::memcpy(out, in, static_cast<std::size_t>(row_bytes));
+      out += to_strides[inner];
+      in += from_strides[inner];
+    }
   });
 }
 
