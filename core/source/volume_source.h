@@ -9,7 +9,10 @@
 #include <utility>
 
 #include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 
+#include "core/math/box.h"
+#include "core/math/vec.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
@@ -39,7 +42,16 @@ struct SourceInfo {
   friend bool operator==(const SourceInfo&, const SourceInfo&) = default;
 };
 
-// Thread-compatible.
+// The division of a volume into boxes that are read and decoded as one, such as the chunks of a
+// file. Boxes at the border reach beyond the volume.
+struct BoxGrid {
+  math::Index3 origin{0, 0, 0};  // the first sample of the first box; -box_dims < origin <= 0
+  math::Index3 box_dims{1, 1, 1};
+
+  friend bool operator==(const BoxGrid&, const BoxGrid&) = default;
+};
+
+// Thread-compatible, but for ReadBox.
 class VolumeSource {
  public:
   virtual ~VolumeSource() = default;
@@ -59,6 +71,17 @@ class VolumeSource {
   absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) {
     const std::int64_t rows = info_.geometry.sample_dims.y;
     return ReadRows(begin_z * rows, end_z * rows, out);
+  }
+
+  // The boxes in which ReadBox reads best. Not set: it can't read, because the samples come only
+  // in their order, or from several places.
+  [[nodiscard]] virtual std::optional<BoxGrid> box_grid() const { return std::nullopt; }
+  // Reads the samples of any box as [z][y][x], x fastest, little-endian, into `out`. The same
+  // samples and errors as ReadRows. Thread-safe, also beside ReadRows. Each box that the grid has
+  // is read and decoded again by each call that meets it.
+  // REQUIRES: box_grid() is set; the box lies in the volume, and is not empty.
+  [[nodiscard]] virtual absl::Status ReadBox(const math::IndexBox& /*box*/, char* /*out*/) const {
+    return absl::UnimplementedError(absl::StrCat(info_.name, ": has no random access"));
   }
 
  protected:

@@ -56,31 +56,46 @@ class ZarrSource final : public VolumeSource {
       if (y == 0 && rows == dims.y) {
         planes = (end_row - begin_row) / dims.y;
       }
-      ISOSCOPE_RETURN_IF_ERROR(ReadPlanes(z, planes, y, rows, out));
+      ISOSCOPE_RETURN_IF_ERROR(
+          ReadSpace({.begin = {0, y, z}, .end = {dims.x, y + rows, z + planes}}, out, &cache_));
       out += planes * rows * info().row_bytes();
       begin_row += planes * rows;
     }
     return absl::OkStatus();
   }
 
+  [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
+    const ChunkIndex& chunk = array_->info().chunk_dims;
+    for (std::size_t axis = 0; axis < chunk.size(); ++axis) {
+      const bool is_space =
+          std::find(part_.space.begin(), part_.space.end(), axis) != part_.space.end();
+      if (!is_space && chunk[axis] > 1) {
+        return std::nullopt;  // others' samples would be decoded along with each box
+      }
+    }
+    return BoxGrid{
+        .origin = {0, 0, 0},
+        .box_dims = {chunk[part_.space[2]], chunk[part_.space[1]], chunk[part_.space[0]]}};
+  }
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+    return ReadSpace(box, out, nullptr);
+  }
+
  private:
-  absl::Status ReadPlanes(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
-                          char* out) {
-    const std::int64_t row_samples = info().geometry.sample_dims.x;
+  absl::Status ReadSpace(const math::IndexBox& space, char* out, ChunkCache* cache) const {
     ChunkBox box{.begin = part_.index, .end = part_.index};
     for (std::int64_t& end : box.end) {
       ++end;
     }
-    const std::array<std::int64_t, 3> begin = {z, y, 0};
-    const std::array<std::int64_t, 3> count = {planes, rows, row_samples};
     for (std::size_t i = 0; i < part_.space.size(); ++i) {
-      box.begin[part_.space[i]] = begin[i];
-      box.end[part_.space[i]] = begin[i] + count[i];
+      const int axis = 2 - static_cast<int>(i);
+      box.begin[part_.space[i]] = space.begin[axis];
+      box.end[part_.space[i]] = space.end[axis];
     }
-    const auto samples = static_cast<std::size_t>(planes * rows * row_samples);
+    const auto samples = static_cast<std::size_t>(math::Volume(space.dims()));
     char* const stored =
         out + samples * (volume::SizeOf(info().type) - SizeOf(array_->info().type));
-    ISOSCOPE_RETURN_IF_ERROR(array_->ReadBox(box, stored, &cache_, never_));
+    ISOSCOPE_RETURN_IF_ERROR(array_->ReadBox(box, stored, cache, never_));
     if (!packing_.is_plain()) {
       UnpackZarr(packing_, array_->info().type, samples, stored, out);
     }
