@@ -47,6 +47,7 @@ FLOORS = [
     ["wire"],
     ["proto"],
     ["core/partition", "core/visibility", "core/picture", "core/render", "core/solid"],
+    ["core/indexed"],
     ["core/frame", "core/store", "core/index", "core/extract", "core/composite", "core/formats"],
     [
         "core/formats/arrays",
@@ -128,6 +129,7 @@ UNTESTED_HEADERS = {
     "core/formats/netcdf/minc_axis.h": "inside of minc1_series_test and minc2_header_test",
     "core/source/bytes/slice_image.h": "inside of image_slices_test",
     "core/source/hdf5/hdf5_file_lookup.h": "inside of hdf5_links_test and hdf5_storage_test",
+    "core/store/sample_reader.h": "the contract: sample_opener_test",
     "core/store/shard_joiner.h": "inside of part_joiner_test and tests/integration/parts_test.py",
     "core/partition/part_writer.h": "inside of part_joiner_test",
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
