@@ -18,6 +18,7 @@
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
+#include "core/indexed/sample_opener.h"
 #include "core/partition/dataset_verifier.h"
 
 namespace isoscope::cli {
@@ -71,7 +72,8 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
          .progress =
              [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
                line.Update("verifying", done_bytes, total_bytes);
-             }},
+             },
+         .open_samples = indexed::MakeSampleOpener({.allows_local_files = true})},
         context.interrupt->cancellation());
   }
   if (!report.ok() && context.interrupt->cancellation().is_cancelled()) {
