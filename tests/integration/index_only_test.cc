@@ -139,8 +139,8 @@ TEST(IndexOnlyTest, FramesAreThoseOfTheCopiedDataset) {
     const store::OpenSamples open_samples = indexed::MakeSampleOpener(
         {.allows_local_files = true,
          // Few units are kept; with a stride more is decoded for each.
-         .max_bytes = source.request.stride > 1 ? indexed::kDefaultSourceBytes
-                                                : std::size_t{2} << 20});
+         .max_bytes =
+             source.request.stride > 1 ? indexed::kDefaultSourceBytes : std::size_t{2} << 20});
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto copied,
                                   LocalCluster::OpenAsleep(dir.Sub("copied"), nullptr));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
@@ -153,7 +153,7 @@ TEST(IndexOnlyTest, FramesAreThoseOfTheCopiedDataset) {
                                   Draw(index_only.get(), &dice, seed, source.isovalue));
     for (std::size_t frame = 0; frame < expected.size(); ++frame) {
       ASSERT_EQ(found[frame], expected[frame]) << "dataset " << i << ", frame " << frame;
-      different_pictures += frame > 0 && expected[frame] != expected[frame - 1] ? 1 : 0;
+      different_pictures += frame > 0 && expected[frame] != expected[frame - 1] ? 1U : 0U;
     }
   }
   EXPECT_GT(different_pictures, static_cast<std::size_t>(DatasetCount()));
