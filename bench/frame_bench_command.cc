@@ -249,7 +249,7 @@ cli::Action RegisterFrameBenchFlags(cli::FlagSet* set) {
   const auto parse_side = [](absl::string_view text) {
     return client::ParseInteger(text, 1, view::kMaxViewportPx);
   };
-  cli::AddFlag(set, "input", "INPUT|DIR", &flags->input, cli::ParseText,
+  cli::AddFlag(set, "input", "INPUT|DIR", &flags->input, cli::ParseSource,
                "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
                "dataset folder");
   cli::AddListFlag(set, "--isovalue", "V", &flags->isovalues, client::ParseNumber,

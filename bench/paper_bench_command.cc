@@ -296,7 +296,7 @@ cli::Action RegisterPaperBenchFlags(cli::FlagSet* set) {
   const auto parse_agent_count = [](absl::string_view text) {
     return client::ParseInteger(text, 1, kMaxAgentCount);
   };
-  cli::AddFlag(set, "input", "INPUT", &flags->input, cli::ParseText,
+  cli::AddFlag(set, "input", "INPUT", &flags->input, cli::ParseSource,
                "a volume, as 'partition' takes it: it is cut anew for each number of agents");
   cli::AddFlag(set, "--output", "DIR", &flags->output, cli::ParseText,
                "folder for tables, plots and report.md; must not exist yet");

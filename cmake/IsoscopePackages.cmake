@@ -62,7 +62,7 @@ set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS "adduser")
 # OpenGL is opened at run time; without it, programs draw by the CPU. The filters of HDF5 are plugins.
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS
-  "fonts-dejavu-core, libegl1, libopengl0, libgl1-mesa-dri, openssl"
+  "ca-certificates, fonts-dejavu-core, libegl1, libopengl0, libgl1-mesa-dri, openssl"
   "hdf5-filter-plugin, hdf5-filter-plugin-blosc-serial, hdf5-filter-plugin-zfp-serial, hdf5-plugin-lzf")
 list(JOIN CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS ", " CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "python3-isoscope, gnuplot-nox")

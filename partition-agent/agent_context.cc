@@ -48,7 +48,7 @@ AgentContext::AgentContext(const AgentServerOptions& server_options)
 void AgentContext::Serve(Shards plain, SeriesShards series) {
   for (const std::shared_ptr<const Shard>& shard : plain) {
     damages.AddShard(shard->reader->directory(), shard->reader->manifest().name,
-                     shard->reader->shard_index());
+                     shard->reader->shard_index(), shard->reader->source_name());
   }
   for (const std::shared_ptr<SeriesShard>& shard : series) {
     damages.AddShard(shard->directory(), shard->served()->manifest.name, shard->shard_index());

@@ -186,7 +186,10 @@ absl::StatusOr<OpenedShards> OpenShards(const AgentServerOptions& options,
                                 SeriesShard::Open(directory, options.memory->TakeOpenVolumes()));
     } else {
       ISOSCOPE_ASSIGN_OR_RETURN(opened.plain.emplace_back(),
-                                OpenShardWithLevels(directory, open_file));
+                                OpenShardWithLevels(directory, open_file, options.open_samples));
+      if (opened.plain.back()->reader->is_index_only()) {
+        options.memory->NoteSource();
+      }
     }
     opening->NoteOpen();
   }

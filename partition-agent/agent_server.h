@@ -20,6 +20,7 @@
 #include "core/base/task_arena.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
+#include "core/store/sample_reader.h"
 #include "partition-agent/memory/agent_memory.h"
 #include "rpc/signs_of_life.h"
 #include "rpc/transport.h"
@@ -35,6 +36,9 @@ struct AgentServerOptions {
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<base::TaskArena> arena;
   std::shared_ptr<AgentMemory> memory;
+  // Opens the sources of index-only shards; empty: there may be none. Takes at most
+  // memory->source_bytes().
+  store::OpenSamples open_samples = nullptr;
   // Mailboxes of a coordinator in this process, which takes pixels from there; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   // The most frames in work at a time. Others wait, or are refused with RESOURCE_EXHAUSTED.

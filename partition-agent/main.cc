@@ -30,7 +30,9 @@
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
 #include "core/cli/flag_set.h"
+#include "core/formats/address_source.h"
 #include "core/http/metrics_server.h"
+#include "core/indexed/sample_opener.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
 #include "partition-agent/agent_server.h"
@@ -43,6 +45,7 @@ namespace {
 struct Flags {
   std::vector<std::string> shards;
   std::vector<std::string> positional_shards;
+  std::vector<std::string> allowed_sources;
   std::string renderer = "auto";
   int egl_device = -1;
   bool list_egl_devices = false;
@@ -63,6 +66,10 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   set->AddTexts("--shard", "DIR", &flags->shards,
                 "A shard or dataset directory to serve; repeatable")
       .Environment("ISOSCOPE_SHARD");
+  set->AddTexts("--allow-source", "PREFIX|RECORDED=ACTUAL", &flags->allowed_sources,
+                "A folder with sources of index-only datasets, which may be read; RECORDED=ACTUAL: "
+                "what they recorded below RECORDED lies below ACTUAL here; repeatable")
+      .Environment("ISOSCOPE_ALLOW_SOURCE");
   set->AddChoice("--renderer", &flags->renderer, {"auto", "egl", "cpu"},
                  "auto is egl on real hardware, else cpu")
       .Environment("ISOSCOPE_RENDERER");
@@ -160,11 +167,19 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
   options.transport = server_flags.transport;
   options.has_reflection = server_flags.has_reflection;
   options.hides_paths = true;
+  // A manifest may name an allowed server; that server may not name another one.
+  source::RefuseOtherHosts();
+  indexed::SourceAccess access;
+  for (const std::string& text : flags.allowed_sources) {
+    ISOSCOPE_ASSIGN_OR_RETURN(access.allowed.emplace_back(), indexed::ParseAllowedSource(text));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
   options.arena = std::make_shared<base::TaskArena>(flags.threads);
   options.memory =
       std::make_shared<AgentMemory>(static_cast<std::size_t>(flags.memory_limit_bytes));
+  access.max_bytes = options.memory->source_bytes();
+  options.open_samples = indexed::MakeSampleOpener(access);
   ISOSCOPE_ASSIGN_OR_RETURN(
       options.renderer,
       render::MakeRenderer({.kind = kind,

@@ -31,9 +31,13 @@ std::string PathAt(absl::string_view message, std::size_t begin, std::size_t fol
 
 }  // namespace
 
-void ShardDamages::AddShard(const std::string& directory, std::string dataset, int shard_index) {
+void ShardDamages::AddShard(const std::string& directory, std::string dataset, int shard_index,
+                            const std::string& source) {
   const base::MutexLock lock(&mutex_);
-  shards_[directory] = {.dataset = std::move(dataset), .shard_index = shard_index, .messages = {}};
+  shards_[directory] = {.dataset = std::move(dataset),
+                        .shard_index = shard_index,
+                        .source_folder = source.substr(0, source.rfind('/') + 1),
+                        .messages = {}};
 }
 
 absl::Status ShardDamages::ForCaller(absl::Status status) {
@@ -59,6 +63,9 @@ absl::Status ShardDamages::ForCaller(absl::Status status) {
       path = PathAt(status.message(), begin, directory.size());
       told =
           absl::StrReplaceAll(status.message(), {{folder, ""}, {directory, "the shard's folder"}});
+      if (entry.source_folder.size() > 1) {
+        told = absl::StrReplaceAll(told, {{entry.source_folder, ""}});
+      }
       if (!SaysNothingOfTheFile(status) && entry.messages.size() < kMaxFiles) {
         std::string& message = entry.messages[path];
         is_new = message != told;

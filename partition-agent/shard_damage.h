@@ -30,8 +30,9 @@ class ShardDamages {
   explicit ShardDamages(bool hides_paths) : hides_paths_(hides_paths) {}
 
   // Adds the folder of a shard that is served: an absolute path without a slash at its end.
-  void AddShard(const std::string& directory, std::string dataset, int shard_index)
-      ABSL_LOCKS_EXCLUDED(mutex_);
+  // source: the path of an index-only shard's samples, whose folder is not told either; or ""
+  void AddShard(const std::string& directory, std::string dataset, int shard_index,
+                const std::string& source = "") ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Returns the error of a call for its caller. An error that names a path in the folder of a shard
   // is one of its files. It is noted, its first time with this message is logged, and it becomes
@@ -50,6 +51,7 @@ class ShardDamages {
   struct Entry {
     std::string dataset;
     int shard_index = 0;
+    std::string source_folder;                    // with a slash at its end; "" if there is none
     std::map<std::string, std::string> messages;  // by path of the file
   };
 

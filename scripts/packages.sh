@@ -12,9 +12,11 @@ ISOSCOPE_BUILD_PACKAGES=(
   build-essential cmake ninja-build ccache pkg-config ca-certificates python3
   libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
+  libcurl4-openssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
-  libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libopenvdb-dev
+  libinsighttoolkit5-dev libhdf5-dev libnetcdf-dev libtiff-dev libopenjp2-7-dev libexpat1-dev libbz2-dev libblosc-dev
+  zlib1g-dev liblzma-dev libopenvdb-dev
   libwebp-dev libsixel-dev libmeshoptimizer-dev libpango1.0-dev fonts-dejavu-core
 )
 
@@ -24,8 +26,8 @@ ISOSCOPE_BUILD_PACKAGES=(
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libwebp7
-  libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libnetcdf19 libtiff6 libopenjp2-7 libexpat1 libblosc1
+  libcurl4 ca-certificates libwebp7 libwebpmux3 libsixel1 libmeshoptimizer2d libpangocairo-1.0-0 fonts-dejavu-core
   hdf5-filter-plugin hdf5-filter-plugin-blosc-serial hdf5-filter-plugin-zfp-serial hdf5-plugin-lzf)
 # The gateway's own: it writes meshes and draws annotations over pictures.
 ISOSCOPE_GATEWAY_PACKAGES=(libmeshoptimizer2d libpangocairo-1.0-0 libwebp7 libwebpmux3 fonts-dejavu-core)
@@ -38,7 +40,7 @@ ISOSCOPE_UNIT_TEST_PACKAGES=(git python3 openssl procps)
 ISOSCOPE_CLIENT_TEST_PACKAGES=(
   python3-grpcio python3-protobuf python3-numpy python3-pytest python3-mypy python3-pip python3-setuptools
   python3-wheel python3-build python3-venv python3-dask python3-xarray python3-cloudpickle python3-nbconvert
-  python3-ipykernel python3-aiohttp zsh fish mandoc man-db)
+  python3-zarr python3-fsspec python3-ipykernel python3-aiohttp zsh fish mandoc man-db)
 
 # Packages of the tests of clients/web, some 700 MB with all dependencies. Tests whose program is missing are skipped
 # with a message.
@@ -49,7 +51,7 @@ ISOSCOPE_WEB_PACKAGES=(node-typescript protobuf-compiler python3-protobuf)
 
 # Packages that the tests compare our files with, some 50 packages, 30 MB to download; and clang for locks and
 # libFuzzer.
-ISOSCOPE_REFERENCE_PACKAGES=(python3-vtk9 gnuplot-nox clang-14 python3-h5py hdf5-filter-plugin
+ISOSCOPE_REFERENCE_PACKAGES=(python3-vtk9 gnuplot-nox clang-14 python3-h5py python3-zarr hdf5-filter-plugin
   hdf5-filter-plugin-blosc-serial hdf5-filter-plugin-zfp-serial hdf5-plugin-lzf)
 
 # A real Prometheus and promtool. It is a service: where systemd runs, installing it would start it, so there

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Tells what isoscope makes of every file below a folder: runs `info`, and draws what opens once.
 
-For each file, and for each series of a folder of DICOM files, it runs `isoscope info FILE --json`, then
+For each file, for each series of a folder of DICOM files, and for each Zarr store and each array of it, it runs `isoscope info FILE --json`, then
 the command that info suggests, at 128 x 128 pixels. A file counts as
 
     opened    info and the picture succeed
@@ -25,6 +25,7 @@ samples at five places.
 
 import argparse
 import collections
+import contextlib
 import json
 import os
 import pathlib
@@ -92,10 +93,39 @@ def is_dicom(path):
         return file.read(132)[128:] == b"DICM"
 
 
+ZARR_ARRAYS = (".zarray", "zarr.json")
+
+
+def is_zarr(folder):
+    return any((folder / name).is_file() for name in (".zgroup", ".zmetadata", *ZARR_ARRAYS))
+
+
+def arrays_of(store):
+    """Yields the folders of the arrays of a Zarr store, other than itself."""
+    for folder, folders, names in os.walk(store):
+        folders.sort()
+        path = pathlib.Path(folder)
+        is_array = ".zarray" in names
+        if "zarr.json" in names:
+            with contextlib.suppress(ValueError, OSError, AttributeError):
+                is_array = json.loads((path / "zarr.json").read_text()).get("node_type") == "array"
+        if is_array:
+            folders.clear()
+            if path != store:
+                yield path
+
+
 def sources_below(tree):
-    """Yields (path, ending): files, and in place of DICOM files their folders."""
+    """Yields (path, ending): files; in place of DICOM files their folders, of those of a Zarr store the store and its
+    arrays."""
     for folder, folders, names in os.walk(tree):
         folders.sort()
+        if is_zarr(pathlib.Path(folder)):
+            folders.clear()
+            yield pathlib.Path(folder), "Zarr"
+            for array in arrays_of(pathlib.Path(folder)):
+                yield array, "Zarr array"
+            continue
         has_dicom = False
         for name in sorted(names):
             path = pathlib.Path(folder, name)

@@ -1,5 +1,6 @@
 """Other programs' readers, for scripts/survey.py --compare: Debian's python3-nibabel, python3-h5py, python3-netcdf4,
-python3-tifffile, python3-mrcfile, python3-pydicom and python3-vtk9. A reader that is not installed takes no file.
+python3-tifffile, python3-mrcfile, python3-pydicom, python3-zarr and python3-vtk9. Arrays of Zarr 3, which python3-zarr
+does not read, are read here, with the codecs of python3-numcodecs. A reader that is not installed takes no file.
 
 A reader gets the path and what `isoscope info --json` says of the first volume, and returns its samples in the same
 order, [z][y][x], and the world positions of indices, as far as it knows them. It returns None for what it does not
@@ -7,6 +8,7 @@ take.
 """
 
 import contextlib
+import json
 import math
 import os
 
@@ -191,6 +193,81 @@ def read_with_pydicom(path, series):
     return Other(samples, affine)
 
 
+def decode_zarr(data, dtype, shape, codecs):
+    """The array that codecs of Zarr 3 have encoded, one codec after the other, in NumPy alone."""
+    import numcodecs
+    dtype = dtype.newbyteorder("<")
+    order = tuple(range(len(shape)))
+    steps = []
+    for codec in codecs:
+        configuration = codec.get("configuration", {})
+        if codec["name"] == "transpose":
+            axes = {"C": range(len(shape)), "F": range(len(shape))[::-1]}.get(str(configuration["order"]),
+                                                                              configuration["order"])
+            order = tuple(order[axis] for axis in axes)
+        elif codec["name"] == "bytes":
+            dtype = dtype.newbyteorder(">" if configuration.get("endian") == "big" else "<")
+        elif codec["name"] == "sharding_indexed":
+            stored = tuple(shape[axis] for axis in order)
+            return np.transpose(decode_shard(data, dtype, stored, configuration), np.argsort(order))
+        else:
+            steps.append(codec["name"].removeprefix("numcodecs."))
+    for name in reversed(steps):
+        data = data[:-4] if name == "crc32c" else numcodecs.get_codec({"id": name}).decode(data)
+    flat = np.frombuffer(data, dtype).reshape([shape[axis] for axis in order])
+    return np.transpose(flat, np.argsort(order))
+
+
+def decode_shard(data, dtype, shape, configuration):
+    inner = configuration["chunk_shape"]
+    counts = [size // part for size, part in zip(shape, inner)]
+    has_checksum = any(codec["name"] == "crc32c" for codec in configuration["index_codecs"])
+    size = 16 * math.prod(counts) + (4 if has_checksum else 0)
+    index = data[:size] if configuration.get("index_location") == "start" else data[-size:]
+    entries = np.frombuffer(index[:16 * math.prod(counts)], "<u8").reshape(*counts, 2)
+    array = np.full(shape, np.nan if dtype.kind == "f" else 0, dtype)  # the caller compares no missing chunks
+    for place in np.ndindex(*counts):
+        offset, length = (int(number) for number in entries[place])
+        if offset != 2**64 - 1:
+            box = tuple(slice(i * part, (i + 1) * part) for i, part in zip(place, inner))
+            array[box] = decode_zarr(data[offset:offset + length], dtype, tuple(inner), configuration["codecs"])
+    return array
+
+
+def read_zarr3(folder, metadata):
+    shape = metadata["shape"]
+    chunk = metadata["chunk_grid"]["configuration"]["chunk_shape"]
+    dtype = np.dtype(metadata["data_type"])
+    keys = metadata["chunk_key_encoding"]
+    is_v2 = keys["name"] == "v2"
+    separator = keys.get("configuration", {}).get("separator", "." if is_v2 else "/")
+    array = np.full([-(-size // part) * part for size, part in zip(shape, chunk)], metadata["fill_value"] or 0, dtype)
+    for place in np.ndindex(*[-(-size // part) for size, part in zip(shape, chunk)]):
+        key = separator.join(([] if is_v2 else ["c"]) + [str(i) for i in place])
+        path = os.path.join(folder, key)
+        if os.path.exists(path):
+            with open(path, "rb") as file:
+                box = tuple(slice(i * part, (i + 1) * part) for i, part in zip(place, chunk))
+                array[box] = decode_zarr(file.read(), dtype, tuple(chunk), metadata["codecs"])
+    return array[tuple(slice(size) for size in shape)]
+
+
+def read_with_zarr(path, volume):
+    """The first three axes from the end; of a store whose path is no array, none."""
+    metadata_path = os.path.join(path, "zarr.json")
+    if os.path.exists(metadata_path):
+        with open(metadata_path, encoding="utf-8") as file:
+            metadata = json.load(file)
+        samples = read_zarr3(path, metadata) if metadata["node_type"] == "array" else None
+    else:
+        import zarr
+        samples = zarr.open_array(path, mode="r")[...] if os.path.exists(os.path.join(path, ".zarray")) else None
+    if samples is None or samples.ndim < 3:
+        return None
+    samples = samples[(0,) * (samples.ndim - 3)]
+    return Other(samples) if list(samples.shape[::-1]) == volume["sample_dims"] else None
+
+
 READERS = {
     ".nii": read_with_nibabel, ".nii.gz": read_with_nibabel, ".mgz": read_with_nibabel, ".mgh": read_with_nibabel,
     ".mnc": read_with_nibabel, ".hdr": read_with_nibabel, ".img": read_with_nibabel, ".par": read_with_nibabel,
@@ -208,6 +285,10 @@ READERS = {
 def read(path, volume, series=None):
     """The first volume of a file, or of one series of a DICOM folder, by another reader, or None."""
     if os.path.isdir(path):
+        if any(os.path.exists(os.path.join(path, name)) for name in (".zarray", "zarr.json")):
+            with contextlib.suppress(Exception):
+                return read_with_zarr(path, volume)
+            return None
         with contextlib.suppress(Exception):
             return read_with_pydicom(path, series)
         return None

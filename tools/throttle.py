@@ -11,9 +11,10 @@ import argparse
 import asyncio
 import socket
 
-PIECE_BYTES = 4096
+PIECE_BYTES = 4096  # at least; of a fast link what it carries in PIECE_S
+PIECE_S = 0.001
 # The sockets at both ends must hold less than the link does; by default the kernel would buffer megabytes.
-SOCKET_BYTES = 16 * 1024
+SOCKET_PIECES = 4
 
 
 class Direction:
@@ -21,6 +22,7 @@ class Direction:
 
   def __init__(self, mbit, round_trip_ms, queue_kib):
     self.seconds_per_byte = 8 / (mbit * 1e6)
+    self.piece_bytes = max(PIECE_BYTES, int(PIECE_S / self.seconds_per_byte))
     self.delay_s = round_trip_ms / 2000
     self.queue_s = queue_kib * 1024 * self.seconds_per_byte
     self.busy_until = 0.0
@@ -62,12 +64,12 @@ class Link:
   async def accept(self, reader, writer):
     self.tasks.add(asyncio.current_task())
     upstream = socket.socket()
-    upstream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BYTES)
+    upstream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_PIECES * self.down.piece_bytes)
     upstream.setblocking(False)
     up_writer = None
     try:
       await asyncio.get_running_loop().sock_connect(upstream, ('127.0.0.1', self.upstream_port))
-      up_reader, up_writer = await asyncio.open_connection(sock=upstream, limit=PIECE_BYTES)
+      up_reader, up_writer = await asyncio.open_connection(sock=upstream, limit=self.down.piece_bytes)
       await asyncio.gather(pump(reader, up_writer, self.up), pump(up_reader, writer, self.down))
     except (ConnectionError, asyncio.CancelledError):
       pass  # one side has gone, and so does the other
@@ -84,7 +86,7 @@ async def pump(reader, writer, direction):
 
   async def put():
     while True:
-      data = await reader.read(PIECE_BYTES)
+      data = await reader.read(direction.piece_bytes)
       if not data:
         await on_the_way.put((asyncio.get_running_loop().time() + direction.delay_s, data))
         return

@@ -447,7 +447,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
 
 Action RegisterInfoFlags(FlagSet* set) {
   const auto flags = std::make_shared<InfoFlags>();
-  AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
+  AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseSource,
           "a volume, as 'partition' takes it, a dataset folder, or DIR.partial with parts of one");
   AddFlag(set, "--server", "HOST[:PORT]", &flags->server, rpc::ParseCoordinatorAddress,
           "a coordinator");

@@ -39,12 +39,14 @@
 #include "core/formats/format_table.h"
 #include "core/formats/open_request.h"
 #include "core/formats/source_members.h"
+#include "core/indexed/source_request.h"
 #include "core/math/vec.h"
 #include "core/partition/dataset_levels.h"
 #include "core/partition/part_joiner.h"
 #include "core/partition/part_writer.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
+#include "core/source/series_parts.h"
 #include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
@@ -71,6 +73,7 @@ struct PartitionFlags {
   std::optional<store::Distribution> distribution;
   std::optional<store::BlockEncoding> compression;
   bool is_compact = false;
+  bool is_index_only = false;
   std::optional<std::uint64_t> seed;
   std::optional<std::int64_t> memory_limit_bytes;
   LevelFlags levels;
@@ -111,6 +114,11 @@ struct PartitionFlags {
 constexpr char kCompactHelp[] =
     "blocks of few bits a sample: large volumes take 0.2 to 0.8 times the bytes of their samples, "
     "in place of 1.7; a first frame takes 5 to 12 % longer";
+
+constexpr char kIndexOnlyHelp[] =
+    "leave the samples in INPUT, which must stay where it is and as it is: tables and levels take "
+    "a "
+    "quarter of the disk, first frames longer; for Zarr, and files without compression";
 
 absl::Status GreedySeriesError() {
   return UsageError(
@@ -198,11 +206,36 @@ absl::Status CheckLevelUsage(const PartitionFlags& flags) {
   return absl::OkStatus();
 }
 
+// --index-only
+absl::Status CheckIndexOnlyUsage(const PartitionFlags& flags) {
+  const char* const given = flags.append        ? "--append"
+                            : flags.resumes     ? "--resume"
+                            : flags.part        ? "--part"
+                            : flags.finish      ? "--finish"
+                            : flags.add_levels  ? "--add-levels"
+                            : flags.drop_levels ? "--drop-levels"
+                            : flags.compression ? "--compression"
+                            : flags.is_compact  ? "--compact"
+                            : flags.series.time ? "--time"
+                            : flags.distribution == store::Distribution::kGreedy
+                                ? "--distribution greedy"
+                                : nullptr;
+  return given == nullptr ? absl::OkStatus()
+                          : UsageError(absl::StrCat(
+                                given,
+                                " can't be used with --index-only, which makes a new dataset "
+                                "of one volume, deals out the chunks of INPUT at random and "
+                                "stores no blocks of it"));
+}
+
 absl::Status CheckUsage(const PartitionFlags& flags) {
   if (flags.is_compact && flags.compression && *flags.compression != flags.encoding()) {
     return UsageError(absl::StrCat("--compact can't be used with --compression ",
                                    store::NameOf(*flags.compression), ": it is --compression ",
                                    store::NameOf(flags.encoding())));
+  }
+  if (flags.is_index_only) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIndexOnlyUsage(flags));
   }
   if (flags.finish) {
     return CheckFinishUsage(flags);
@@ -255,7 +288,8 @@ std::string Summarize(const store::Manifest& manifest, const std::string& direct
       manifest.source, ": ", dims.x, " x ", dims.y, " x ", dims.z, " samples of ",
       volume::NameOf(manifest.scalar_type), ", ", FormatMebibytes(source_bytes), "\n", directory,
       ": ", FormatCount(block_count), " blocks in ", manifest.shards.size(),
-      manifest.shards.size() == 1 ? " shard, " : " shards, ", FormatMebibytes(block_bytes),
+      manifest.shards.size() == 1 ? " shard, " : " shards, ",
+      manifest.in_source.has_value() ? "samples stay in the source" : FormatMebibytes(block_bytes),
       ", values ", manifest.value_range.min, " to ", manifest.value_range.max,
       manifest.highest_level() > 0 ? absl::StrCat(", levels 1 to ", manifest.highest_level()) : "",
       ", in ", FormatElapsed(elapsed), "\n");
@@ -401,6 +435,17 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   if (flags.part) {
     return CutPart(flags, request, *source, options, context);
   }
+  if (flags.is_index_only) {
+    if (partition::NeedsSeries(*source)) {
+      return UsageError(absl::StrCat(
+          *flags.input, ": holds ", source::DescribeFields(source->info().fields), " at ",
+          source->info().step_count(),
+          " steps, or tells a time; --index-only takes one volume without a time: name one with "
+          "--field, or leave --index-only out"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(options.in_source.emplace().request,
+                              indexed::EncodeSourceRequest(request));
+  }
   if (!flags.append && !partition::NeedsSeries(*source)) {
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
                               PartitionVolume(*source, options, context));
@@ -421,7 +466,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 Action RegisterPartitionFlags(FlagSet* set) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(
-      set, "input", "INPUT", &flags->input, ParseText,
+      set, "input", "INPUT", &flags->input, ParseSource,
       absl::StrCat(
           "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
           "several), file.vti[:array[:component]], file.h5:/dataset, 'pattern*.h5' of openPMD, ",
@@ -451,6 +496,7 @@ Action RegisterPartitionFlags(FlagSet* set) {
       "384 on, 8 below)");
   AddFlag(set, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
           "how blocks are dealt out (default: random)");
+  set->AddSwitch("--index-only", &flags->is_index_only, kIndexOnlyHelp);
   set->AddSwitch("--compact", &flags->is_compact, kCompactHelp);
   AddFlag(
       set, "--compression", "none|lz4|zstd|packed", &flags->compression, store::ParseBlockEncoding,
@@ -487,7 +533,8 @@ Command PartitionCommand() {
               "  isoscope partition --add-levels run --memory-limit 256MiB\n"
               "  isoscope partition big.raw --dims 4096,4096,4096 --type uint16 --part 3/16 \\\n"
               "    --shards 8 --output big          (and so for 0 to 15, on any machines)\n"
-              "  isoscope partition --finish big\n",
+              "  isoscope partition --finish big\n"
+              "  isoscope partition run.zarr --index-only --shards 4 --output run\n",
           .register_flags = RegisterPartitionFlags};
 }
 

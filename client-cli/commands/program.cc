@@ -10,7 +10,7 @@ Program IsoscopeProgram() {
           .example = "  isoscope render head.nii.gz --isovalue 60 --output head.png\n",
           .commands = {PartitionCommand(), InfoCommand(), VerifyCommand(), ServeCommand(),
                        RenderCommand(), PickCommand(), ExportCommand(), GenerateCommand(),
-                       TopCommand(), CacheListCommand(), CacheClearCommand(),
+                       CopyCommand(), TopCommand(), CacheListCommand(), CacheClearCommand(),
                        CompletionCommand("isoscope"), ViewCommand()},
           .moved = {{"bench", "it is a program of its own: isoscope-bench"}},
           .help = HelpLayoutOfCommands(),

@@ -16,6 +16,7 @@ Command RenderCommand();
 Command PickCommand();
 Command ExportCommand();
 Command GenerateCommand();
+Command CopyCommand();
 Command TopCommand();
 Command CacheListCommand();
 Command CacheClearCommand();

@@ -18,6 +18,7 @@
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
+#include "core/indexed/sample_opener.h"
 #include "core/partition/dataset_verifier.h"
 
 namespace isoscope::cli {
@@ -55,6 +56,7 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
   if (!flags.directory) {
     return UsageError("DIR is missing: the dataset folder or the shard folder to verify");
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(const indexed::SourceAccess access, indexed::AccessOfUser());
   const base::MonotonicTime start = base::MonotonicNow();
   std::int64_t lines_left = flags.max_lines.value_or(kDefaultMaxLines);
   absl::StatusOr<partition::VerifyReport> report;
@@ -71,7 +73,8 @@ absl::Status Run(const VerifyFlags& flags, const Context& context) {
          .progress =
              [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
                line.Update("verifying", done_bytes, total_bytes);
-             }},
+             },
+         .open_samples = indexed::MakeSampleOpener(access)},
         context.interrupt->cancellation());
   }
   if (!report.ok() && context.interrupt->cancellation().is_cancelled()) {

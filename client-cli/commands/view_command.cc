@@ -256,10 +256,11 @@ std::string WordsOfLevel(const client::LevelFlags& level) {
 // Gives the session the inputs.
 absl::Status TakeInputs(ViewFlags* flags) {
   std::vector<std::string>& inputs = flags->inputs;
-  for (const std::string& input : inputs) {
+  for (std::string& input : inputs) {
     if (input.empty()) {
       return UsageError("an input is empty: give a volume or a dataset folder");
     }
+    ISOSCOPE_ASSIGN_OR_RETURN(input, ParseSource(input));
   }
   if (flags->is_in_terminal && inputs.size() > 1) {
     return UsageError(absl::StrCat("--terminal shows one input, not ", inputs.size(),

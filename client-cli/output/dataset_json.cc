@@ -278,6 +278,11 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
                               {"block_count", manifest.shards[i].block_count},
                               {"block_bytes", manifest.shards[i].block_bytes}});
   }
+  if (manifest.in_source.has_value()) {
+    const math::Index3& unit = manifest.in_source->unit_dims;
+    json["in_source"] = {{"path", manifest.in_source->request.at("path")},
+                         {"unit_dims", {unit.x, unit.y, unit.z}}};
+  }
   if (manifest.highest_level() > 0) {
     json["levels"] = LevelsToJson(manifest, description.shard_directories);
   }
@@ -332,6 +337,11 @@ std::string DescribeDataset(const Json& dataset, int max_width) {
   if (is_folder) {
     line("distribution",
          absl::StrCat(TextOf(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
+    if (dataset.contains("in_source")) {
+      const Json& in_source = dataset.at("in_source");
+      line("samples", absl::StrCat("in ", TextOf(in_source, "path"), ", read in chunks of ",
+                                   Joined(in_source.at("unit_dims"), " x ")));
+    }
     absl::StrAppend(&text, DescribeLevels(dataset));
   }
   if (dataset.contains("fields")) {

@@ -29,6 +29,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <ostream>
+#include <random>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -150,9 +151,13 @@ absl::StatusOr<std::string> CacheKey(const source::OpenRequest& request,
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, source::ResolvedPath(request.path));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string description, source::Describe(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamps, source::StampsOf(files));
+  // Stamps that tell not all are of no use to a later process.
+  static const auto* const this_process =
+      new std::string(absl::StrCat(std::random_device()(), ".", std::random_device()(), "\n"));
+  const std::string nonce = source::StampsTellAll(files) ? "" : *this_process;
   return absl::StrCat(
       ReadableStem(path), "-",
-      base::Sha256Hex(absl::StrCat(description, stamps, kKeyVersion, "\n", parameters))
+      base::Sha256Hex(absl::StrCat(description, stamps, nonce, kKeyVersion, "\n", parameters))
           .substr(0, 16));
 }
 

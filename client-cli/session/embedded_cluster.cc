@@ -32,6 +32,7 @@
 #include "core/base/units.h"
 #include "core/frame/drawn_window.h"
 #include "core/frame/frame_spec.h"
+#include "core/indexed/sample_opener.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/series_manifest.h"
 #include "partition-agent/agent_server.h"
@@ -153,6 +154,10 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   agent_options.renderer = cluster->renderer_;
   agent_options.arena = arena;
   agent_options.memory = memory;
+  // The user's own dataset, with the user's rights.
+  ISOSCOPE_ASSIGN_OR_RETURN(indexed::SourceAccess access, indexed::AccessOfUser());
+  access.max_bytes = memory->source_bytes();
+  agent_options.open_samples = indexed::MakeSampleOpener(access);
   agent_options.mailboxes = mailboxes;
   agent_options.frame_executor = frame_executor;
   agent_options.one_thread_a_step = one_thread_a_step;

@@ -14,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/progress_line.h"
+#include "core/indexed/sample_opener.h"
 #include "core/source/series_parts.h"
 #include "core/store/shard_format.h"
 
@@ -23,6 +24,9 @@ namespace {
 // Memory of the process apart from the partitioner's tables and samples: code, libraries, stacks.
 // Measured before the first block: 37 MiB.
 constexpr std::int64_t kProcessBytes = 40 * base::kMiB;
+
+// Of the memory limit, for the source of an index-only dataset.
+constexpr std::int64_t kSourceShare = 4;
 
 // Replaces progress and memory.
 template <typename Options>
@@ -163,6 +167,10 @@ absl::StatusOr<int> AddLevels(const std::string& directory, partition::AddLevels
                               const Context& context) {
   ProgressLine line(context.err, context.err_is_terminal);
   ShowProgress(&line, &options);
+  options.source_bytes = options.memory_limit_bytes / kSourceShare;
+  ISOSCOPE_ASSIGN_OR_RETURN(indexed::SourceAccess access, indexed::AccessOfUser());
+  access.max_bytes = static_cast<std::size_t>(options.source_bytes);
+  options.open_samples = indexed::MakeSampleOpener(access);
   const base::Cancellation& cancellation = context.interrupt->cancellation();
   absl::StatusOr<int> highest = partition::AddLevels(directory, options, cancellation);
   if (!highest.ok() && cancellation.is_cancelled()) {

@@ -251,7 +251,7 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Want
 
 void AddInputFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names) {
   AddFlag(
-      set, "input", "INPUT|DIR", &flags->input, ParseText,
+      set, "input", "INPUT|DIR", &flags->input, ParseSource,
       "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
   AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "cut a volume into P shards, one agent each (default: 1)");

@@ -26,6 +26,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
+#include "core/formats/address_source.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/format_table.h"
 #include "core/formats/label_names.h"
@@ -219,6 +220,11 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& nam
               "names and colours of sample values, in place of those of the file: lines of a "
               "FreeSurfer colour table, of an ITK-SNAP label description, of a list of MRIcron, or "
               "VALUE,NAME[,#rrggbb]"));
+}
+
+absl::StatusOr<std::string> ParseSource(absl::string_view text) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string given, ParseText(text));
+  return source::PathOfSource(given);
 }
 
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {

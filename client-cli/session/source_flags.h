@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "core/cli/flag_set.h"
 #include "core/formats/open_request.h"
@@ -58,6 +59,9 @@ struct SourceFlags {
 
 // `flags` must outlive the parsing.
 void AddSourceFlags(FlagSet* set, SourceFlags* flags, const SourceFlagNames& names = {});
+
+// Parses a path, or an address, which becomes its path (source::PathOfSource).
+absl::StatusOr<std::string> ParseSource(absl::string_view text);
 
 // UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);

@@ -5,6 +5,7 @@
 //                                 "a.h5:/dataset", "slice*.png"
 //   a name that formats share     the row whose mark or first bytes the file has, or its header
 //   a name of none                the same
+//   an address                    a Zarr store; or an object, found as a file by name and content
 
 #include "core/formats/find_volume.h"
 
@@ -16,9 +17,11 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/address_source.h"
 #include "core/formats/medical/layout_formats.h"
 #include "core/formats/refused_formats.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
 #include "core/source/bytes/part_path.h"
@@ -120,6 +123,50 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, absl::string_v
       absl::StrFormat("--format %s: expected one of %s", name, absl::StrJoin(names, ", ")));
 }
 
+// What is no address; objects at one are mounted.
+absl::StatusOr<FoundVolume> FindFileOrFolder(const std::string& path, absl::string_view format,
+                                             absl::Span<const Format> formats) {
+  // The readers of libraries would wait for a writer, or read without end.
+  const bool is_folder = io::IsDirectory(path);
+  ISOSCOPE_RETURN_IF_ERROR(is_folder ? absl::OkStatus() : io::CheckIsRegularFile(path));
+  if (!format.empty()) {
+    return FindVolumeAs(path, format, formats);
+  }
+  if (is_folder) {
+    return FindInFolder(path, formats);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FoundVolume> found, FindByName(path, formats));
+  if (!found.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
+    found = FindByContent(path, formats);
+  }
+  return found.has_value() ? absl::StatusOr<FoundVolume>(*std::move(found))
+                           : UnknownKindOfFile(path);
+}
+
+absl::StatusOr<FoundVolume> FindVolumeAtAddress(absl::string_view text, absl::string_view format,
+                                                absl::Span<const Format> formats) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOfSource(text));
+  ISOSCOPE_ASSIGN_OR_RETURN(const AddressSource source, FindAtAddress(path));
+  if (source.is_store) {
+    constexpr absl::string_view kZarr = "zarr";
+    const Format* const zarr = FindFormat(kZarr, formats);
+    if (zarr == nullptr || (!format.empty() && format != kZarr)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ": --format ", format, ": is a Zarr store; expected --format zarr"));
+    }
+    return FoundVolume{
+        .format = zarr,
+        .request = {
+            .path = path, .file = source.file, .part = source.part, .files = {source.file}}};
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindFileOrFolder(path, format, formats));
+  if (!found.format->reads_addresses) {
+    return NeedsWholeFile(source.file, absl::StrCat("a file of ", found.format->name));
+  }
+  return found;
+}
+
 }  // namespace
 
 absl::StatusOr<std::optional<FoundVolume>> FindByName(const std::string& path,
@@ -160,22 +207,8 @@ bool NamesFormat(const std::string& path, absl::Span<const Format> formats) {
 
 absl::StatusOr<FoundVolume> FindVolume(const std::string& path, absl::string_view format,
                                        absl::Span<const Format> formats) {
-  // The readers of libraries would wait for a writer, or read without end.
-  const bool is_folder = io::IsDirectory(path);
-  ISOSCOPE_RETURN_IF_ERROR(is_folder ? absl::OkStatus() : io::CheckIsRegularFile(path));
-  if (!format.empty()) {
-    return FindVolumeAs(path, format, formats);
-  }
-  if (is_folder) {
-    return FindInFolder(path, formats);
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::optional<FoundVolume> found, FindByName(path, formats));
-  if (!found.has_value()) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
-    found = FindByContent(path, formats);
-  }
-  return found.has_value() ? absl::StatusOr<FoundVolume>(*std::move(found))
-                           : UnknownKindOfFile(path);
+  return io::IsAddressText(path) ? FindVolumeAtAddress(path, format, formats)
+                                 : FindFileOrFolder(path, format, formats);
 }
 
 absl::StatusOr<std::vector<SeriesEntry>> ListSeries(const std::string& path,

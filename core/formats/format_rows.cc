@@ -9,14 +9,22 @@
 //
 // Rows are asked in order. The adapters stand in front of the table, grouped by format.
 
+#include <algorithm>
 #include <cstddef>
 #include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 
 #include "core/base/status_macros.h"
+#include "core/formats/address_source.h"
+#include "core/formats/arrays/fits_header.h"
+#include "core/formats/arrays/fits_series.h"
+#include "core/formats/arrays/npy_series.h"
+#include "core/formats/dicom/dicom_archive.h"
 #include "core/formats/dicom/dicom_folder.h"
 #include "core/formats/dicom/dicom_labels.h"
 #include "core/formats/dicom/dicom_source.h"
@@ -40,11 +48,15 @@
 #include "core/formats/vtk/legacy_vtk_series.h"
 #include "core/formats/vtk/vtk_image.h"
 #include "core/formats/vtk/vtk_series.h"
+#include "core/formats/vtk/vtk_steps.h"
+#include "core/formats/zarr/zarr_series.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/file_layout.h"
 #include "core/source/bytes/file_start.h"
 #include "core/source/bytes/named_files.h"
 #include "core/source/bytes/part_path.h"
+#include "core/source/bytes/zip_file.h"
 #include "core/source/hdf5/hdf5_path.h"
 #include "core/source/series_parts.h"
 #include "core/source/single_series.h"
@@ -158,27 +170,73 @@ Files FilesOfNetcdf(const FileRequest& request) {
 
 bool IsPvd(const std::string& path) { return absl::EndsWithIgnoreCase(path, ".pvd"); }
 
+bool IsVtkImageName(const std::string& path) {
+  PartPath parts;
+  return SplitVtkImagePath(path, &parts) && parts.part.empty();
+}
+
+// "run_*.vti:p": each file that exists is a step.
+bool IsVtkPattern(const FileRequest& request) { return IsPattern(request.file); }
+
 MaybeFound FindVtk(const std::string& path) {
   PartPath parts;
   if (!SplitVtkImagePath(path, &parts)) {
-    return IsPvd(path) ? FoundFile(path) : std::nullopt;
+    return IsPvd(path) || IsVtkStepList(path) ? FoundFile(path) : std::nullopt;
+  }
+  if (IsPattern(parts.file)) {
+    return FileRequest{.path = path,
+                       .file = parts.file,
+                       .part = parts.part,
+                       .files = FilesNamed(parts.file, IsVtkImageName)};
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(parts.file));
   return FileRequest{.path = path, .file = parts.file, .part = parts.part, .files = {parts.file}};
 }
 
-Series OpenVtk(const FileRequest& request) {
-  return IsPvd(request.file) ? OpenPvdSeries(request.file, request.rules)
-                             : OpenVtkImageSeries(request.file, request.part, request.rules);
+absl::StatusOr<std::vector<PvdStep>> StepsOfVtk(const FileRequest& request) {
+  return IsPvd(request.file) ? ReadPvdSteps(request.file)
+         : IsVtkStepList(request.file)
+             ? ReadVtkStepList(request.file)
+             : StepsOfVtkFiles(request.path, request.files, request.rules);
 }
 
-// The collection and its steps, those of .pvti with their pieces.
+bool HasVtkSteps(const FileRequest& request) {
+  return IsPvd(request.file) || IsVtkStepList(request.file) || IsVtkPattern(request);
+}
+
+// A list of files at an address could name files of this machine.
+absl::Status CheckVtkAtAddress(const FileRequest& request) {
+  return io::IsAddressText(request.file) && !absl::EndsWithIgnoreCase(request.file, ".vti")
+             ? absl::InvalidArgumentError(absl::StrCat(
+                   request.file,
+                   ": lists other files, which can't be read at an address; bring them all to a "
+                   "folder, each with: isoscope copy ADDRESS DIR"))
+             : absl::OkStatus();
+}
+
+Series OpenVtk(const FileRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckVtkAtAddress(request));
+  if (!HasVtkSteps(request)) {
+    return OpenVtkImageSeries(request.file, request.part, request.rules);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<PvdStep> steps, StepsOfVtk(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
+                            OpenVtkSteps(request.file, std::move(steps), request.rules));
+  return request.part.empty() ? std::move(series)
+                              : SelectPart(std::move(series), request.file, request.part);
+}
+
+// The collection, if it is a file, and its steps, those of .pvti with their pieces.
 Files FilesOfVtk(const FileRequest& request) {
-  if (!IsPvd(request.file)) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckVtkAtAddress(request));
+  if (!HasVtkSteps(request)) {
     return FilesOfPvdStep({.file = request.file});
   }
-  std::vector<std::string> files = {request.file};
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, ReadPvdSteps(request.file));
+  std::vector<std::string> files;
+  if (!IsVtkPattern(request)) {
+    files.push_back(request.file);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PvdStep> steps, StepsOfVtk(request));
   for (const PvdStep& step : steps) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> of_step, FilesOfPvdStep(step));
     files.insert(files.end(), of_step.begin(), of_step.end());
@@ -218,6 +276,7 @@ Format LayoutRow(absl::string_view name, bool (*is_content)(absl::string_view),
   return {.name = name,
           .endings = endings,
           .is_content = is_content,
+          .reads_addresses = true,
           .open = OpenLayout<read>,
           .find_files = FilesOfLayout<read>};
 }
@@ -331,6 +390,79 @@ Series OpenSlices(const FileRequest& request) {
       {.path = request.path, .field = request.field, .volume = std::move(volume), .open = open});
 }
 
+// ---- Zarr. --------------------------------------------------------------------------------------
+
+MaybeFound FindZarr(const std::string& path) {
+  // Other archives are of DICOM files.
+  PartPath archive;
+  if (SplitPartPath(path, {".zip"}, &archive) && IsZarrArchive(archive.file)) {
+    return FileRequest{
+        .path = path, .file = archive.file, .part = archive.part, .files = {archive.file}};
+  }
+  std::optional<ZarrPath> zarr = FindZarrPath(path);
+  if (!zarr.has_value()) {
+    return std::nullopt;
+  }
+  return FileRequest{.path = path,
+                     .file = zarr->file,
+                     .part = std::move(zarr->part),
+                     .files = {std::move(zarr->file)}};
+}
+
+absl::string_view StripSlashes(absl::string_view path) {
+  while (path.size() > 1 && absl::ConsumeSuffix(&path, "/")) {
+  }
+  return path;
+}
+
+MaybeFound FindZarrIn(const std::string& folder) {
+  if (IsZarrFolder(folder)) {
+    return FindZarr(folder);
+  }
+  return absl::EndsWithIgnoreCase(StripSlashes(folder), ".zarr")
+             ? absl::InvalidArgumentError(absl::StrCat(
+                   folder,
+                   ": a folder with neither zarr.json nor .zgroup, .zarray or .zmetadata: "
+                   "no Zarr store, or its hidden files were not copied: copy it again"))
+             : MaybeFound(std::nullopt);
+}
+
+// At an address or on a disk.
+absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZarrStoreOf(const std::string& file) {
+  return io::IsAddressText(file) ? OpenZarrAtAddress(file) : OpenLocalZarr(file);
+}
+
+Series OpenZarr(const FileRequest& request) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<ZarrStore> store, OpenZarrStoreOf(request.file));
+  return OpenZarrSeries(std::move(store), request.part, request.axes, request.rules);
+}
+
+MaybeFound FindZarrAnywhere(const std::string& text) {
+  if (!io::IsAddressText(text)) {
+    return FindZarr(text);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOfSource(text));
+  ISOSCOPE_ASSIGN_OR_RETURN(AddressSource source, FindAtAddress(path));
+  return FileRequest{.path = path, .file = std::move(source.file), .part = std::move(source.part)};
+}
+
+absl::StatusOr<std::vector<volume::Label>> ReadZarrLabels(const std::string& path) {
+  const MaybeFound found = FindZarrAnywhere(path);
+  if (!found.ok() || !found->has_value()) {
+    return std::vector<volume::Label>();
+  }
+  const auto store = OpenZarrStoreOf((*found)->file);
+  auto labels = store.ok() ? ZarrLabelsOf(store->get(), (*found)->part) : store.status();
+  // Whoever reads its samples says why it can't be opened.
+  return absl::IsInvalidArgument(labels.status()) || labels.ok() ? std::move(labels)
+                                                                 : std::vector<volume::Label>();
+}
+
+Files FilesOfZarrRow(const FileRequest& request) {
+  const auto find = io::IsAddressText(request.file) ? FilesOfZarrAtAddress : FilesOfZarr;
+  return find(request.file, request.part, request.axes, request.rules);
+}
+
 }  // namespace
 
 // HDF5 stands first: its mark goes before the names of all formats that are not written as HDF5.
@@ -346,17 +478,34 @@ const std::vector<Format>& Formats() {
        .open = OpenHdf5,
        .find_files = FilesOfHdf5},
       {.name = "VTI",
-       .more_names = "file.vti[:array[:component]], .pvti, .pvd",
+       .more_names = "file.vti[:array[:component]], .pvti, .pvd, .vti.series, or a pattern",
        .is_forceable = false,
        .has_field_names = true,
        .opens_parts = true,
        .find = FindVtk,
+       .reads_addresses = true,
        .open = OpenVtk,
        .find_files = FilesOfVtk},
+      {.name = "Zarr",
+       .endings = {".ozx"},
+       .more_names = "a folder or .zip of Zarr 2 or 3, OME-Zarr: folder[:array]",
+       .is_forceable = false,
+       .has_field_names = true,
+       .axes_for = "arrays of Zarr",
+       .opens_archives = true,
+       .opens_parts = true,
+       .find = FindZarr,
+       .reads_addresses = true,
+       .find_in_folder = FindZarrIn,
+       .in_folder = "a Zarr store",
+       .open = OpenZarr,
+       .find_files = FilesOfZarrRow,
+       .read_labels = ReadZarrLabels},
       {.name = "NIfTI",
        .more_names = ".nii .nii.gz .hdr .hdr.gz .img .img.gz",
        .find = FindByName<HasNiftiName>,
        .shares_names = true,
+       .reads_addresses = true,
        .open = OpenNifti,
        .find_files = FilesOfNifti},
       {.name = "NRRD",
@@ -364,6 +513,7 @@ const std::vector<Format>& Formats() {
        .find = FindByName<HasNrrdName>,
        .is_content = IsNrrdHeader,
        .is_plain = true,
+       .reads_addresses = true,
        .open = OpenSamples<FileFormat::kNrrd>,
        .find_files = FilesOfSamples<FileFormat::kNrrd>},
       {.name = "MetaImage",
@@ -371,6 +521,7 @@ const std::vector<Format>& Formats() {
        .find = FindByName<HasMetaImageName>,
        .is_content = IsMetaImageHeader,
        .is_plain = true,
+       .reads_addresses = true,
        .open = OpenSamples<FileFormat::kMetaImage>,
        .find_files = FilesOfSamples<FileFormat::kMetaImage>},
       {.name = "DICOM",
@@ -389,6 +540,7 @@ const std::vector<Format>& Formats() {
       {.name = "MRC",
        .endings = {".mrc", ".mrcs", ".map", ".ccp4", ".mrc.gz", ".mrcs.gz", ".map.gz", ".ccp4.gz"},
        .is_content = IsMrcHeader,
+       .reads_addresses = true,
        .open = [](const FileRequest& r) { return OpenMrcSeries(r.file, r.field, r.rules); }},
       {.name = "MINC",
        .endings = MincEndings(),
@@ -402,6 +554,7 @@ const std::vector<Format>& Formats() {
       LayoutRow<ReadAfniLayout>("AFNI", IsAfniHeader, {".head", ".brik", ".brik.gz", ".brik.bz2"}),
       LayoutRow<ReadParRecLayout>("PAR/REC", IsParHeader, {".par"}),
       LayoutRow<ReadBrukerLayout>("ParaVision", IsBrukerHeader, {"2dseq", "visu_pars"}),
+      LayoutRow<ReadMrtrixLayout>("MRtrix", IsMrtrixHeader, {".mif", ".mif.gz", ".mih"}),
       {.name = "legacy VTK",
        .endings = {".vtk"},
        .has_field_names = true,
@@ -420,6 +573,7 @@ const std::vector<Format>& Formats() {
        .axes_for = "TIFF",
        .find = FindTiffPattern,
        .is_content = IsTiff,
+       .reads_addresses = true,
        .find_in_folder = FindTiffIn,
        .in_folder = "TIFF files (.tif .tiff)",
        .open =
@@ -432,6 +586,38 @@ const std::vector<Format>& Formats() {
        .has_field_names = true,
        .is_content = IsVdb,
        .open = [](const FileRequest& r) { return OpenVdbSeries(r.file, r.part, r.rules); }},
+      {.name = "NumPy",
+       .endings = {".npy", ".npy.gz"},
+       .axes_for = "arrays of NumPy (.npy)",
+       .is_content = IsNpy,
+       .reads_addresses = true,
+       .open = [](const FileRequest& r) { return OpenNpySeries(r.file, r.field, r.axes); }},
+      {.name = "NPZ",
+       .endings = {".npz"},
+       .more_names = "file.npz:array",
+       .has_field_names = true,
+       .opens_archives = true,
+       .opens_parts = true,
+       .is_content = IsNpz,
+       .is_plain = true,
+       .open = [](const FileRequest& r) { return OpenNpzSeries(r.file, r.part); }},
+      // Behind NPZ: any other ZIP archive is taken for one of DICOM files.
+      {.name = "DICOM archive",
+       .endings = {".zip"},
+       .opens_archives = true,
+       .is_content = IsZip,
+       .is_plain = true,
+       .open = [](const FileRequest& r) { return OpenDicomArchive(r.file, r.field, r.rules); },
+       .list_series = ListDicomArchive,
+       .find_series_file = FindDicomSeriesFile},
+      {.name = "FITS",
+       .endings = {".fits", ".fits.gz", ".fit", ".fit.gz", ".fts", ".fts.gz", ".fz"},
+       .more_names = "file.fits:NAME, file.fits:1",
+       .has_field_names = true,
+       .opens_parts = true,
+       .is_content = IsFits,
+       .open =
+           [](const FileRequest& r) { return OpenFitsSeries(r.file, r.part, r.field, r.rules); }},
       {.name = "netCDF",
        .endings = NetcdfEndings(),
        .has_field_names = true,

@@ -44,6 +44,7 @@ struct Format {  // NOLINT(clang-analyzer-optin.performance.Padding): members st
   absl::string_view axes_for{};   // what of it takes --axes; "": none, the files say what they mean
   absl::string_view only_axes{};  // the only ones that it takes; "": any
   bool shows_pictures = false;    // its files are pictures, which other programs show
+  bool opens_archives = false;    // its files are archives, whose faults are its own to explain
   bool opens_parts = false;       // `open` takes the part; else it is one of the fields opened
 
   // These recognise its files beside their endings; null: not so. First, a name that tells more
@@ -54,6 +55,9 @@ struct Format {  // NOLINT(clang-analyzer-optin.performance.Padding): members st
   // The first bytes of a file, 1 KiB at most, decoded if they are compressed by gzip, are its own.
   bool (*is_content)(absl::string_view head) = nullptr;
   bool is_plain = false;  // a stream of gzip is none of its files
+  // Its readers open files by OpenRandomAccessFile (core/io/file.h) alone, so that objects at an
+  // address are read by ranges. Else they need `isoscope copy`.
+  bool reads_addresses = false;
   // The file has a mark at another place. Goes before first bytes.
   bool (*is_marked)(const std::string& path) = nullptr;
 

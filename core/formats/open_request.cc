@@ -25,11 +25,13 @@
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/formats/address_source.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/label_names.h"
 #include "core/formats/open_volume.h"
 #include "core/formats/refused_formats.h"
 #include "core/formats/source_labels.h"
+#include "core/io/mounted_file.h"
 #include "core/source/single_series.h"
 #include "core/source/source_stamps.h"
 
@@ -90,12 +92,26 @@ std::string NameOfRawField(const std::string& path) {
   return name;
 }
 
+// Finds a raw file that is at an address.
+absl::Status FindRaw(const std::string& path) {
+  if (!io::IsAddressText(path)) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const AddressSource found, FindAtAddress(path));
+  return found.file == path && !found.is_store
+             ? absl::OkStatus()
+             : absl::InvalidArgumentError(
+                   absl::StrCat(path, ": ", found.file,
+                                " is there, which is no raw file: leave --dims and --type out"));
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenRaw(const OpenRequest& request) {
   if (!request.axes.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(request.path, ": --axes ", request.axes,
                      ": is for HDF5, netCDF and TIFF files; the samples of a raw file lie as ZYX"));
   }
+  ISOSCOPE_RETURN_IF_ERROR(FindRaw(request.path));
   // Nothing takes the place of a grid that the file has: no note.
   const auto open = [path = request.path, raw = *request.raw,
                      grid = request.grid]() -> absl::StatusOr<std::unique_ptr<VolumeSource>> {
@@ -109,6 +125,13 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenRaw(const OpenRequest& request
                            .field = NameOfRawField(request.path),
                            .volume = std::move(volume),
                            .open = open});
+}
+
+// The request with the path of PathOfSource.
+absl::StatusOr<OpenRequest> WithPath(const OpenRequest& request) {
+  OpenRequest named = request;
+  ISOSCOPE_ASSIGN_OR_RETURN(named.path, PathOfSource(request.path));
+  return named;
 }
 
 // The path to open: that of the request, or that of a file of the series that dicom_series chooses
@@ -186,7 +209,8 @@ absl::StatusOr<std::string> Describe(const OpenRequest& request) {
   // A new member does not compile here until it is named. Then it gets its line.
   const auto& [path, raw, format, dicom_series, axes, ignores_shear, resamples, grid, crop, stride,
                fill, fields, steps, time, label_names] = request;
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string resolved, ResolvedPath(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string source_path, PathOfSource(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string resolved, ResolvedPath(source_path));
   std::string labels;
   if (!label_names.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(labels, ResolvedPath(label_names));
@@ -214,8 +238,9 @@ absl::StatusOr<std::string> Describe(const OpenRequest& request) {
   return text;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& request,
+absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& asked,
                                                    absl::Span<const Format> formats) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const OpenRequest request, WithPath(asked));
   std::unique_ptr<VolumeSeries> series;
   bool has_field_names = false;
   if (request.raw.has_value()) {
@@ -255,10 +280,12 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& 
                                             std::move(files), stamps);
 }
 
-absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request,
+absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& asked,
                                                  absl::Span<const Format> formats) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const OpenRequest request, WithPath(asked));
   std::vector<std::string> files;
   if (request.raw.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(FindRaw(request.path));
     files = {request.path};
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, PathOf(request, formats));
@@ -278,8 +305,9 @@ absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& request,
   return files;
 }
 
-absl::StatusOr<std::string> PathOfLabels(const OpenRequest& request,
+absl::StatusOr<std::string> PathOfLabels(const OpenRequest& asked,
                                          absl::Span<const Format> formats) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const OpenRequest request, WithPath(asked));
   ISOSCOPE_ASSIGN_OR_RETURN(std::string path, PathOf(request, formats));
   return request.dicom_series.empty() ? path : FindSeriesFile(path, request.dicom_series, formats);
 }

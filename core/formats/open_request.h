@@ -25,7 +25,8 @@ namespace isoscope::source {
 
 // In the order in which they take effect.
 struct OpenRequest {
-  std::string path;  // a file, a folder, a pattern, or a part of a file ("run.h5:/p")
+  // A file, a folder, a pattern, a part of a file ("run.h5:/p"), or an address (address_source.h).
+  std::string path;
 
   // How it is read.
   std::optional<RawFormat> raw{};  // not set: the file says it

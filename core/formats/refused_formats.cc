@@ -30,6 +30,7 @@
 namespace isoscope::source {
 namespace {
 
+constexpr char kArchive[] = "a ZIP archive";
 constexpr char kOmeTiff[] = "convert it to OME-TIFF, as bfconvert of Bio-Formats does";
 
 struct RefusedFormat {
@@ -45,10 +46,6 @@ const std::vector<RefusedFormat>& RefusedFormats() {
        .endings = {".n5", "attributes.json"},
        .advice = "save the dataset as HDF5 or as TIFF slices, as Fiji does",
        .in_folder = {"attributes.json"}},
-      {.name = "Zarr",
-       .endings = {".zarr", ".zarray", ".zgroup", "zarr.json"},
-       .advice = "save the array as HDF5 or as TIFF slices, as Fiji and h5py do",
-       .in_folder = {".zarray", ".zgroup", "zarr.json"}},
       {.name = "OpenFOAM",
        .endings = {".foam"},
        .advice = kResampleAdvice,
@@ -61,9 +58,7 @@ const std::vector<RefusedFormat>& RefusedFormats() {
        .endings = {".exo", ".ex2", ".exii", ".e", ".g"},
        .advice = kResampleAdvice},
       {.name = "EnSight", .endings = {".case", ".encas"}, .advice = kResampleAdvice},
-      {.name = "XDMF",
-       .endings = {".xdmf", ".xmf", ".xdmf2", ".xdmf3"},
-       .advice = "give the HDF5 file that it names, with the dataset: FILE.h5:/name"},
+      {.name = "XDMF", .endings = {".xdmf", ".xmf", ".xdmf2", ".xdmf3"}, .advice = kXdmfAdvice},
       {.name = "a mesh of finite elements",
        .endings = {".msh", ".inp", ".unv", ".bdf", ".nas", ".med"},
        .advice = kResampleAdvice},
@@ -82,20 +77,17 @@ const std::vector<RefusedFormat>& RefusedFormats() {
       {.name = "a slide",
        .endings = {".svs", ".ndpi", ".mrxs", ".scn"},
        .advice = "it is one plane, of which no volume can be made"},
-      {.name = "Gatan's own format",
-       .endings = {".dm3", ".dm4"},
-       .advice = "save it as MRC or TIFF, as dm2mrc and Fiji do"},
+      {.name = "Gatan's own format", .endings = {".dm3", ".dm4"}, .advice = kGatanAdvice},
       {.name = "BMP", .endings = {".bmp"}, .advice = "save the slices as PNG or TIFF"},
       {.name = "a format of few tools (BioRad, GIPL, SLC, Stimulate)",
        .endings = {".pic", ".gipl", ".gipl.gz", ".slc", ".spr"},
        .advice = kServeAdvice},
-      {.name = "SEG-Y", .endings = {".sgy", ".segy"}, .advice = kServeAdvice},
+      {.name = "SEG-Y", .endings = {".sgy", ".segy"}, .advice = kSegyAdvice},
+      {.name = "Amira's own format", .endings = {".am", ".amiramesh"}, .advice = kAmiraAdvice},
+      {.name = "OpenDX", .endings = {".dx"}, .advice = kOpenDxAdvice},
       {.name = "a Python pickle",
        .endings = {".pkl", ".pickle", ".pt", ".pth"},
        .advice = "which runs code of its author when it is read; in Python, isoscope.serve(array)"},
-      {.name = "NumPy arrays in an archive",
-       .endings = {".npz"},
-       .advice = "in Python, isoscope.serve(numpy.load(FILE)[NAME]) takes one"},
       {.name = "a file of R", .endings = {".rds", ".rda", ".rdata"}, .advice = kServeAdvice},
       {.name = "an unfinished download",
        .endings = {".part", ".crdownload", ".download", ".aria2"},
@@ -207,6 +199,12 @@ absl::Status ExplainByContent(const std::string& path, absl::Status status,
     file = path.substr(0, colon);
   }
   const auto content = DescribeContent(file);
+  if (content.has_value() && absl::StrContains(*content, kArchive)) {
+    const auto found = FindVolume(file, "", formats);
+    if (found.ok() && found->format->opens_archives) {
+      return status;
+    }
+  }
   if (content.has_value() && absl::StrContains(*content, kStackAdvice)) {
     // A picture with the name of a slice is read: what is wrong is its stack.
     const auto found = FindByName(file, formats);

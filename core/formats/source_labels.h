@@ -21,6 +21,7 @@ namespace isoscope::source {
 //   AFNI    VALUE_LABEL_DTABLE of the header; without colours
 //   NIfTI   extension 4 with an AFNI attribute of that name; extension 30, or any other of XML,
 //           with a LabelTable: the first one
+//   Zarr    image-label of a label image of OME-Zarr
 //   DICOM   the segments of a segmentation (SEG), of a file or a folder (dicom_labels.h)
 //
 // A value that has several names is left out: in the layers of a segmentation it stands for

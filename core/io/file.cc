@@ -6,6 +6,8 @@
 //    buffers go past the page cache. The kernel keeps both ways coherent.
 // 3. Functions on paths: create, rename, flush, remove.
 //
+// A name that is mounted (mounted_file.h) goes before a path of the disk.
+//
 // Invariants: calls that a signal interrupted (EINTR) are repeated. Every error becomes a status
 // with the path, by ErrnoToStatus. A new name is on disk only after its directory was flushed.
 
@@ -35,6 +37,8 @@
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/continued_file.h"
+#include "core/io/mounted_file.h"
 #include "core/io/transfers.h"
 
 namespace isoscope::io {
@@ -151,6 +155,22 @@ class PosixRandomAccessFile : public RandomAccessFile {
   const std::string path_;
 };
 
+// A file that is mounted, for one of its readers.
+class MountedReader : public RandomAccessFile {
+ public:
+  explicit MountedReader(std::shared_ptr<const RandomAccessFile> file) : file_(std::move(file)) {}
+
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    return file_->ReadAt(offset, size, out);
+  }
+  [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+  [[nodiscard]] const std::string& path() const override { return file_->path(); }
+
+ private:
+  const std::shared_ptr<const RandomAccessFile> file_;
+};
+
 // Memory that direct writes accept.
 class AlignedBuffer {
  public:
@@ -182,12 +202,14 @@ class PosixWritableFile : public WritableFile {
  public:
   // direct: opened with O_DIRECT; none: everything goes through the page cache
   PosixWritableFile(Descriptor descriptor, std::optional<Descriptor> direct, std::string path,
-                    std::size_t buffer_bytes)
+                    std::size_t buffer_bytes, std::int64_t size_bytes = 0)
       : descriptor_(std::move(descriptor)),
         direct_(std::move(direct)),
         path_(std::move(path)),
         buffer_bytes_(buffer_bytes),
-        buffer_(buffer_bytes) {
+        buffer_(buffer_bytes),
+        buffer_offset_(size_bytes),
+        size_bytes_(size_bytes) {
     ISOSCOPE_CHECK(std::has_single_bit(buffer_bytes));
     ISOSCOPE_CHECK(!direct_.has_value() || buffer_bytes % kDirectAlignment == 0);
   }
@@ -302,8 +324,8 @@ class PosixWritableFile : public WritableFile {
   const std::string path_;
   const std::size_t buffer_bytes_;
   AlignedBuffer buffer_;
-  std::int64_t buffer_offset_ = 0;
-  std::int64_t size_bytes_ = 0;
+  std::int64_t buffer_offset_;
+  std::int64_t size_bytes_;
   absl::Status status_;  // the first error
   bool is_closed_ = false;
 };
@@ -369,6 +391,9 @@ absl::Status CheckIsRegularFile(const std::string& path) {
 }
 
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {
+  if (std::optional<MountedFile> mounted = FindMounted(path); mounted.has_value()) {
+    return std::make_unique<MountedReader>(std::move(mounted->file));
+  }
   // O_NONBLOCK: opening a FIFO would wait for its writer. Regular files ignore it.
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
                             OpenDescriptor(path, O_RDONLY | O_NONBLOCK, 0, "open"));
@@ -389,6 +414,27 @@ absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::stri
                             OpenDescriptor(path, O_WRONLY | O_CREAT | O_EXCL, 0666, "create"));
   return std::make_unique<PosixWritableFile>(std::move(descriptor), std::nullopt, path,
                                              buffer_bytes);
+}
+
+absl::StatusOr<std::unique_ptr<WritableFile>> ContinueWritableFile(const std::string& path,
+                                                                   std::int64_t size_bytes) {
+  ISOSCOPE_CHECK_GE(size_bytes, 0);
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
+                            OpenDescriptor(path, O_WRONLY | O_NONBLOCK, 0, "open"));
+  struct stat info {};
+  if (fstat(descriptor.get(), &info) != 0) {
+    return ErrnoToStatus(errno, "stat", path);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckMode(info.st_mode, path));
+  if (info.st_size < size_bytes) {
+    return absl::DataLossError(absl::StrCat(path, ": ends after ", info.st_size,
+                                            " bytes, expected at least ", size_bytes));
+  }
+  if (ftruncate(descriptor.get(), size_bytes) != 0) {
+    return ErrnoToStatus(errno, "cut", path);
+  }
+  return std::make_unique<PosixWritableFile>(std::move(descriptor), std::nullopt, path,
+                                             kWriteBufferBytes, size_bytes);
 }
 
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateDirectFile(const std::string& path,
@@ -502,7 +548,7 @@ std::int64_t BytesBelow(const std::string& path) {
 
 bool PathExists(const std::string& path) {
   struct stat info {};
-  return stat(path.c_str(), &info) == 0;
+  return IsMounted(path) || stat(path.c_str(), &info) == 0;
 }
 
 bool IsDirectory(const std::string& path) {

@@ -65,7 +65,7 @@ class WritableFile {
 // a FIFO, a socket or a device, whose opening or reading may not end. Never waits for a writer.
 absl::Status CheckIsRegularFile(const std::string& path);
 
-// Opens a file. FAILED_PRECONDITION as CheckIsRegularFile.
+// Opens a file, or one that is mounted (mounted_file.h). FAILED_PRECONDITION as CheckIsRegularFile.
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path);
 
 // Creates `path`, which must not exist.

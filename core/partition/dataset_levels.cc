@@ -110,7 +110,8 @@ class LevelAdder {
   // Adds levels to a volume unless it has them, and returns its manifest, whose shards have it.
   // has_labels: its values have names
   absl::StatusOr<store::Manifest> Add(const std::vector<std::string>& shards, bool has_labels) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<StoredSamples> samples, StoredSamples::Open(shards));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<StoredSamples> samples,
+                              StoredSamples::Open(shards, options_.open_samples));
     store::Manifest manifest = samples->manifest();
     ISOSCOPE_ASSIGN_OR_RETURN(
         const LevelPlan levels,
@@ -219,7 +220,9 @@ class LevelAdder {
         const PartitionPlan plan,
         PlanPartition(samples.layout(), manifest.scalar_type,
                       static_cast<int>(manifest.shards.size()), store::Distribution::kRandom,
-                      options_.reserved_bytes + LevelSpool::MemoryBytes(level1->level()) +
+                      options_.reserved_bytes +
+                          (manifest.in_source.has_value() ? options_.source_bytes : 0) +
+                          LevelSpool::MemoryBytes(level1->level()) +
                           StoredSamples::MemoryBytes(samples.layout(), manifest.scalar_type),
                       options_.memory_limit_bytes));
     const std::int64_t portions = PortionCount(samples.layout(), plan);

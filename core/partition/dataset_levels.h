@@ -14,6 +14,7 @@
 #include "core/base/units.h"
 #include "core/partition/level_plan.h"
 #include "core/partition/partitioner.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::partition {
@@ -24,6 +25,9 @@ struct AddLevelsOptions {
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   std::function<void(const PartitionProgress&)> progress{};  // may be null; called from this thread
+  // Opens the source of an index-only dataset, and the memory that it takes, of the limit.
+  store::OpenSamples open_samples{};
+  std::int64_t source_bytes = 0;
 };
 
 // Adds levels to a dataset of one volume or to all volumes of a series, whose shards are all there,

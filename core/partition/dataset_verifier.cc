@@ -8,6 +8,7 @@
 //   pages of the tree
 //   each level of each of these shards: the same, and that the manifest of level 0 names it
 //
+// The blocks of an index-only dataset are read from its source; what has changed there is damage.
 // A disk run with a damaged block is read again block by block, so that each damaged one is told.
 // A directory without a readable manifest does not hide its shards: they are found by their names.
 
@@ -250,7 +251,7 @@ class Verifier {
       const std::string& directory, std::optional<std::uint32_t> manifest_crc32c) {
     const std::int64_t end = done_bytes_ + io::BytesBelow(directory);
     absl::StatusOr<std::unique_ptr<store::ShardReader>> reader =
-        store::ShardReader::Open(directory);
+        store::ShardReader::Open(directory, io::OpenRandomAccessFile, options_.open_samples);
     std::unique_ptr<store::ShardReader> opened;
     if (!IsDamaged(reader.status())) {
       opened = *std::move(reader);

@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
+#include "core/store/sample_reader.h"
 
 namespace isoscope::partition {
 
@@ -19,6 +20,8 @@ struct VerifyOptions {
   std::function<void(const std::string& message)> damage;
   // Bytes of files; may be null.
   std::function<void(std::int64_t done_bytes, std::int64_t total_bytes)> progress;
+  // Opens the source of an index-only dataset, whose blocks are read there, too; may be null.
+  store::OpenSamples open_samples{};
 };
 
 struct VerifyReport {

@@ -16,6 +16,8 @@
 // Example: the span [0, 1000] in 128 bins puts 500 into bin 64. A class of 5 blocks and 2 shards:
 // two blocks each, and the fifth goes to the shard with the lower peak.
 //
+// An index-only volume deals out units in place of blocks, by the same draw of the unit's number.
+//
 // Invariant of both: no shard is empty, and the result depends on the arguments alone.
 
 #include "core/partition/distribution.h"
@@ -134,6 +136,38 @@ void DealInactive(const std::vector<volume::BlockId>& blocks, Loads* loads,
 
 }  // namespace
 
+BlockUnits::BlockUnits(const volume::BlockLayout& layout, const store::SourceSamples& samples)
+    : layout_(layout) {
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<std::uint32_t>& units = units_[static_cast<std::size_t>(axis)];
+    std::int64_t last = -1;
+    std::uint32_t count = 0;
+    for (std::int64_t block = 0; block < layout.block_dims()[axis]; ++block) {
+      const std::int64_t unit = (block * layout.block_cells()[axis] - samples.unit_origin[axis]) /
+                                samples.unit_dims[axis];
+      count += unit != last ? 1 : 0;
+      last = unit;
+      units.push_back(count - 1);
+    }
+    dims_[axis] = count;
+  }
+}
+
+std::uint32_t BlockUnits::UnitOf(volume::BlockId id) const {
+  const math::Index3 index = layout_.IndexOf(id);
+  const auto unit_on = [&](int axis) {
+    return std::int64_t{
+        units_[static_cast<std::size_t>(axis)][static_cast<std::size_t>(index[axis])]};
+  };
+  return static_cast<std::uint32_t>(unit_on(0) + dims_.x * (unit_on(1) + dims_.y * unit_on(2)));
+}
+
+ShardMap ShardMap::RandomUnits(BlockUnits units, int shard_count, std::uint64_t seed) {
+  ShardMap map = Random(units.unit_count(), shard_count, seed);
+  map.units_.push_back(std::move(units));
+  return map;
+}
+
 ShardMap ShardMap::Random(std::int64_t block_count, int shard_count, std::uint64_t seed) {
   CheckShardCount(block_count, shard_count);
   ShardMap map(shard_count);
@@ -179,6 +213,9 @@ std::uint16_t ShardMap::ShardOf(volume::BlockId id) const {
   }
   if (shard_count_ == 1) {
     return 0;
+  }
+  if (!units_.empty()) {
+    id = units_.front().UnitOf(id);
   }
   const auto moved =
       std::lower_bound(moved_.begin(), moved_.end(), std::pair(id, std::uint16_t{0}));

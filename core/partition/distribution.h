@@ -3,13 +3,32 @@
 #ifndef ISOSCOPE_CORE_PARTITION_DISTRIBUTION_H_
 #define ISOSCOPE_CORE_PARTITION_DISTRIBUTION_H_
 
+#include <array>
 #include <cstdint>
 #include <utility>
 #include <vector>
 
+#include "core/store/sample_reader.h"
+#include "core/volume/block_layout.h"
 #include "core/volume/range_table.h"
 
 namespace isoscope::partition {
+
+// The units of an index-only volume, each of the blocks whose first sample it has. They are numbered
+// from 0 without a gap, those without a block left out. Immutable; thread-safe.
+class BlockUnits {
+ public:
+  BlockUnits(const volume::BlockLayout& layout, const store::SourceSamples& samples);
+
+  [[nodiscard]] std::int64_t unit_count() const { return math::Volume(dims_); }
+  // REQUIRES: id < layout.block_count().
+  [[nodiscard]] std::uint32_t UnitOf(volume::BlockId id) const;
+
+ private:
+  volume::BlockLayout layout_;
+  math::Index3 dims_;
+  std::array<std::vector<std::uint32_t>, 3> units_;  // by axis and index of the block
+};
 
 // The shard of every block. Immutable; thread-safe.
 class ShardMap {
@@ -17,6 +36,8 @@ class ShardMap {
   // The map of DistributeRandomly; a shard is computed when it is asked for. O(block_count) time,
   // O(shard_count) memory.
   static ShardMap Random(std::int64_t block_count, int shard_count, std::uint64_t seed);
+  // The same of units: blocks of one unit are in one shard. REQUIRES: shard_count <= unit_count().
+  static ShardMap RandomUnits(BlockUnits units, int shard_count, std::uint64_t seed);
   // The map of DistributeGreedily: a table of 2 bytes a block.
   static ShardMap Greedy(const volume::RangeTable& ranges, int shard_count);
 
@@ -30,6 +51,7 @@ class ShardMap {
   // Draws a shard from (seed, id) alone.
   [[nodiscard]] std::uint16_t Draw(volume::BlockId id) const;
 
+  std::vector<BlockUnits> units_;  // one, or none: ids are those of blocks
   int shard_count_;
   std::uint64_t seed_ = 0;
   std::vector<std::pair<volume::BlockId, std::uint16_t>> moved_;  // random: ascending by id

@@ -9,15 +9,20 @@
 
 #include "core/partition/partitioner.h"
 
+#include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/partition/distribution.h"
 #include "core/partition/level_writer.h"
 #include "core/partition/output_folder.h"
 #include "core/partition/partition_plan.h"
@@ -107,7 +112,70 @@ class Partitioner {
   std::int64_t total_bytes_ = 0;
 };
 
+// Small boxes are joined: fewer reads, and fewer samples that lie around the blocks of a unit.
+constexpr std::int64_t kMinUnitEdge = 32;
+constexpr std::int64_t kJoinedUnitBytes = 2 * base::kMiB;
+
+absl::Status CheckIndexOnly(const PartitionOptions& options, const volume::BlockLayout& layout) {
+  if (options.distribution != store::Distribution::kRandom ||
+      options.compression != store::BlockEncoding::kRaw) {
+    return absl::InvalidArgumentError(
+        "an index-only dataset deals out the chunks of its source at random, and stores no blocks "
+        "of level 0: leave the distribution and the compression out");
+  }
+  const std::int64_t units = BlockUnits(layout, *options.in_source).unit_count();
+  const math::Index3& dims = options.in_source->unit_dims;
+  return options.shard_count <= units
+             ? absl::OkStatus()
+             : absl::InvalidArgumentError(absl::StrFormat(
+                   "%d shards: an index-only dataset deals out chunks of %d x %d x %d samples, and "
+                   "the source has %d of them; use at most as many shards",
+                   options.shard_count, dims.x, dims.y, dims.z, units));
+}
+
 }  // namespace
+
+absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples* samples) {
+  const source::SourceInfo& info = source.info();
+  const std::optional<source::BoxGrid> grid = source.box_grid();
+  if (!grid.has_value()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        info.name,
+        ": can't be indexed alone: its samples can't be read in any order (it is compressed as a "
+        "whole, resampled, in chunks of several channels, or of a format without random access); "
+        "leave --index-only "
+        "out, or write it as Zarr or uncompressed"));
+  }
+  samples->unit_origin = grid->origin;
+  math::Index3& dims = samples->unit_dims;
+  double bytes = static_cast<double>(volume::SizeOf(info.type));
+  for (int axis = 0; axis < 3; ++axis) {
+    // No unit is larger than the volume.
+    dims[axis] =
+        std::min(grid->box_dims[axis], info.geometry.sample_dims[axis] - grid->origin[axis]);
+    bytes *= static_cast<double>(dims[axis]);
+  }
+  if (bytes > static_cast<double>(store::kMaxUnitBytes)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: can't be indexed alone: its chunks of %d x %d x %d samples have %.0f MiB, at most %d "
+        "MiB are read for a few blocks; write it with smaller chunks, or leave --index-only out",
+        info.name, dims.x, dims.y, dims.z, bytes / double{base::kMiB},
+        store::kMaxUnitBytes / base::kMiB));
+  }
+  for (;;) {
+    int least = 0;
+    for (int axis = 1; axis < 3; ++axis) {
+      least = dims[axis] < dims[least] ? axis : least;
+    }
+    const std::int64_t whole = info.geometry.sample_dims[least] - samples->unit_origin[least];
+    if (dims[least] >= kMinUnitEdge || dims[least] >= whole ||
+        2 * bytes > static_cast<double>(kJoinedUnitBytes)) {
+      return absl::OkStatus();
+    }
+    dims[least] *= 2;
+    bytes *= 2;
+  }
+}
 
 absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,
@@ -121,6 +189,10 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
                             volume::BlockLayout::Make(info.geometry.sample_dims, *cut.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
+  if (cut.in_source.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(PlanUnits(source, &*cut.in_source));
+    ISOSCOPE_RETURN_IF_ERROR(CheckIndexOnly(cut, layout));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const LevelPlan levels,
                             PlanLevels(options.levels, info.geometry, info.type, *cut.block_cells,
                                        options.shard_count, !options.labels.empty()));
@@ -143,7 +215,7 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
 
   ISOSCOPE_RETURN_IF_ERROR(output->Create());
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,
-                            Partitioner(&source, options, levels, cancellation)
+                            Partitioner(&source, cut, levels, cancellation)
                                 .Run(layout, plan, output->partial_path(), output->name()));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
   if (options.check_source) {

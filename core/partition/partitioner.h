@@ -17,6 +17,7 @@
 #include "core/partition/level_plan.h"
 #include "core/source/volume_source.h"
 #include "core/store/manifest.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_format.h"
 #include "core/volume/label.h"
 
@@ -42,6 +43,10 @@ struct PartitionOptions {
   std::uint64_t seed = 1;
   std::vector<volume::Label> labels{};  // names and colours of values; volume::ValidateLabels
   LevelOptions levels{};                // coarser volumes beside the samples
+  // How the source is opened again: makes an index-only dataset, whose level 0 has no samples. Its
+  // units are set here (PlanUnits), whatever they are. Blocks are dealt out at random by units, and
+  // not encoded. Not for series and parts.
+  std::optional<store::SourceSamples> in_source{};
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   // Blocks of more bytes than this are written past the page cache. Default: CachedBytes().
@@ -51,6 +56,11 @@ struct PartitionOptions {
   // removed. May be null. It tells whether the source has changed meanwhile.
   std::function<absl::Status()> check_source{};
 };
+
+// Sets the units in which an index-only volume reads its source: the boxes of its grid, or several of
+// them if they are small. INVALID_ARGUMENT: a source without random access; boxes of more than
+// store::kMaxUnitBytes.
+absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples* samples);
 
 // Partitions a volume and returns the manifest. Reads the volume once (random) or twice (greedy:
 // ranges first); levels are made along with it. The steps are at the head of partitioner.cc.
@@ -65,8 +75,9 @@ struct PartitionOptions {
 // An error or a cancellation removes it. Deterministic: the same source and options give the same
 // bytes, whatever the limit and the number of threads.
 //
-// INVALID_ARGUMENT: bad options, such as more shards than blocks, or a memory limit too small for
-// one row of blocks (the message says what is needed). ALREADY_EXISTS: the output exists.
+// INVALID_ARGUMENT: bad options, such as more shards than blocks, or units of an index-only volume;
+// a source that an index-only volume can't have (PlanUnits); a memory limit too small for one row of
+// blocks (the message says what is needed). ALREADY_EXISTS: the output exists.
 // NOT_FOUND: its parent does not. RESOURCE_EXHAUSTED: the disk is full. CANCELLED.
 absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,

@@ -37,6 +37,7 @@ PortionReader::PortionReader(source::VolumeSource* source, const volume::BlockLa
       plan_(plan),
       directory_(std::move(directory)),
       cancellation_(*cancellation),
+      reads_(source, *cancellation),
       row_bytes_(source->info().row_bytes()) {}
 
 std::int64_t PortionReader::StagingBytes(const source::VolumeSource& source) {
@@ -111,14 +112,20 @@ absl::Status PortionReader::ForEachPortion(
   return absl::OkStatus();
 }
 
+std::int64_t PortionReader::LayerEnd(std::int64_t z) const {
+  const std::int64_t at_once = source_.info().planes_at_once;
+  return (z / at_once + 1) * at_once;
+}
+
 absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
   const std::int64_t rows = layout_.sample_dims().y;
   const std::int64_t step = std::max<std::int64_t>(kReadBytes / (row_bytes_ * rows), 1);
-  for (std::int64_t z = begin; z < end; z += step) {
+  for (std::int64_t z = begin; z < end;) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    const std::int64_t count = std::min(step, end - z);
-    ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows, (z + count) * rows, out));
-    out += count * rows * row_bytes_;
+    const std::int64_t next = std::min(LayerEnd(z + step - 1), end);
+    ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows, next * rows, out));
+    out += (next - z) * rows * row_bytes_;
+    z = next;
   }
   return absl::OkStatus();
 }
@@ -130,14 +137,16 @@ absl::Status PortionReader::ReadBand(const math::IndexBox& box, char* out) {
   if (is_staged) {
     ISOSCOPE_RETURN_IF_ERROR(StageUpTo(box.end.z));
   }
-  for (std::int64_t z = box.begin.z; z < box.end.z; ++z, out += band_bytes) {
+  std::int64_t count = 1;
+  for (std::int64_t z = box.begin.z; z < box.end.z; z += count, out += count * band_bytes) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     if (is_staged) {
       ISOSCOPE_RETURN_IF_ERROR(
           scratch_->ReadAt((z % ring_planes_ * rows + box.begin.y) * row_bytes_,
                            static_cast<std::size_t>(band_bytes), out));
     } else {
-      ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows + box.begin.y, z * rows + box.end.y, out));
+      count = std::min(LayerEnd(z), box.end.z) - z;
+      ISOSCOPE_RETURN_IF_ERROR(source_.ReadBand(z, z + count, box.begin.y, box.end.y, out));
     }
   }
   return absl::OkStatus();

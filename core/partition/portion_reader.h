@@ -49,6 +49,8 @@ class PortionReader {
                               absl::FunctionRef<void(double)> report);
 
  private:
+  // The end of the planes that are best read together with `z`.
+  [[nodiscard]] std::int64_t LayerEnd(std::int64_t z) const;
   absl::Status ReadPlanes(std::int64_t begin, std::int64_t end, char* out);
   absl::Status ReadBand(const math::IndexBox& box, char* out);
   absl::Status StageUpTo(std::int64_t end_plane);
@@ -58,6 +60,7 @@ class PortionReader {
   const PartitionPlan& plan_;
   const std::string directory_;
   const base::Cancellation& cancellation_;
+  const source::CancellableReads reads_;
   const std::int64_t row_bytes_;
 
   // Staging: a ring of planes in the scratch file. Plane z is the ring's plane z % ring_planes_.

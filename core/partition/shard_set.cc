@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -28,6 +29,23 @@ constexpr std::uint32_t kBlocksBetweenChecks = 1 << 10;
 // Smaller writes past the page cache take longer than copies into it.
 constexpr std::int64_t kMinDirectBytes = 256 * base::kKiB;
 
+// A file that is nowhere.
+class NoFile final : public io::WritableFile {
+ public:
+  [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
+    return WriteAt(size_bytes_, bytes);
+  }
+  [[nodiscard]] absl::Status WriteAt(std::int64_t offset, absl::string_view bytes) override {
+    size_bytes_ = std::max(size_bytes_, offset + static_cast<std::int64_t>(bytes.size()));
+    return absl::OkStatus();
+  }
+  [[nodiscard]] absl::Status Close() override { return absl::OkStatus(); }
+  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
+
+ private:
+  std::int64_t size_bytes_ = 0;
+};
+
 }  // namespace
 
 ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layout,
@@ -40,21 +58,25 @@ ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layo
       encoding_(encoding),
       entries_(directory, plan.entry_bytes) {}
 
-absl::Status ShardSet::Create(int shard_count, bool is_direct) {
+absl::Status ShardSet::Create(int shard_count, bool is_direct, bool is_index_only) {
+  ISOSCOPE_CHECK(!is_index_only || encoding_ == store::BlockEncoding::kRaw);
   const auto buffer_bytes = static_cast<std::size_t>(plan_.file_buffer_bytes);
   const bool are_blocks_direct = is_direct && plan_.file_buffer_bytes >= kMinDirectBytes;
+  const auto create_file =
+      [=](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::WritableFile>> {
+    const bool is_of_blocks = absl::EndsWith(path, store::kBlocksFileName);
+    if (is_index_only && is_of_blocks) {
+      return std::make_unique<NoFile>();
+    }
+    return are_blocks_direct && is_of_blocks ? io::CreateDirectFile(path, buffer_bytes)
+                                             : io::CreateBufferedFile(path, buffer_bytes);
+  };
   for (int shard = 0; shard < shard_count; ++shard) {
     directories_.push_back(
         absl::StrCat(directory_, "/", store::ShardDirectoryName(shard, shard_count)));
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::unique_ptr<store::ShardWriter> writer,
-        store::ShardWriter::Create(directories_.back(), layout_, type_,
-                                   [buffer_bytes, are_blocks_direct](const std::string& path) {
-                                     return are_blocks_direct &&
-                                                    absl::EndsWith(path, store::kBlocksFileName)
-                                                ? io::CreateDirectFile(path, buffer_bytes)
-                                                : io::CreateBufferedFile(path, buffer_bytes);
-                                   }));
+        store::ShardWriter::Create(directories_.back(), layout_, type_, create_file));
     writers_.push_back(std::move(writer));
   }
   return absl::OkStatus();

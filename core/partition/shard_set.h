@@ -37,7 +37,8 @@ class ShardSet {
 
   // Creates the folders and the files of blocks. is_direct: past the page cache, if the plan's
   // buffers are large enough for that
-  absl::Status Create(int shard_count, bool is_direct);
+  // is_index_only: blocks are measured, and written nowhere. REQUIRES then: they are not encoded.
+  absl::Status Create(int shard_count, bool is_direct, bool is_index_only = false);
   // Encodes and writes the blocks of a batch that was cut, those of a shard by one thread in the
   // order of its file, so that neighbours are written together. The batch's bytes are lost.
   absl::Status Write(BlockBatch* batch);

@@ -17,6 +17,7 @@
 #include "oneapi/tbb/partitioner.h"
 
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/math/box.h"
 #include "core/volume/scalar_type.h"
 
@@ -142,11 +143,12 @@ absl::Status ReadRuns(const std::vector<ShardRun>& runs, const volume::BlockLayo
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<StoredSamples>> StoredSamples::Open(
-    const std::vector<std::string>& shard_directories) {
+    const std::vector<std::string>& shard_directories, const store::OpenSamples& open_samples) {
   std::unique_ptr<StoredSamples> samples(new StoredSamples);
   for (const std::string& directory : shard_directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardReader> shard,
-                              store::ShardReader::Open(directory));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::unique_ptr<store::ShardReader> shard,
+        store::ShardReader::Open(directory, io::OpenRandomAccessFile, open_samples));
     const store::ShardReader& first = samples->shards_.empty() ? *shard : *samples->shards_.front();
     const auto expected_index = static_cast<int>(samples->shards_.size());
     if (shard->manifest_crc32c() != first.manifest_crc32c() ||

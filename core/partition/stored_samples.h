@@ -16,6 +16,7 @@
 #include "core/partition/block_cutter.h"
 #include "core/partition/partition_plan.h"
 #include "core/store/manifest.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_layout.h"
 
@@ -25,8 +26,10 @@ namespace isoscope::partition {
 class StoredSamples {
  public:
   // Opens the shards. Errors as ShardReader::Open; DATA_LOSS: they are not of one volume.
+  // open_samples: as for ShardReader::Open
   static absl::StatusOr<std::unique_ptr<StoredSamples>> Open(
-      const std::vector<std::string>& shard_directories);
+      const std::vector<std::string>& shard_directories,
+      const store::OpenSamples& open_samples = nullptr);
 
   // Memory of a volume of so many blocks, beside a portion.
   static std::int64_t MemoryBytes(const volume::BlockLayout& layout, volume::ScalarType type);

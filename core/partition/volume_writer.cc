@@ -192,7 +192,8 @@ absl::Status VolumeWriter::WriteLayers(const std::string& directory, const Layer
                                           ? raw_bytes
                                           : raw_bytes / kExpectedCompression;
   const bool is_direct = expected_bytes > options_.max_cached_bytes.value_or(CachedBytes());
-  ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count, is_direct));
+  ISOSCOPE_RETURN_IF_ERROR(
+      shards_->Create(options_.shard_count, is_direct, options_.in_source.has_value()));
   batch_writer_.emplace(&*shards_, static_cast<std::size_t>(plan_.batch_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
                             store::RangeTableWriter::Create(
@@ -237,6 +238,10 @@ void VolumeWriter::Report() const {
 
 // Step 1 assigns blocks to shards. The greedy distribution takes a pass of its own.
 absl::StatusOr<ShardMap> VolumeWriter::DealOut(PortionReader* reader) {
+  if (options_.in_source.has_value()) {
+    return ShardMap::RandomUnits(BlockUnits(layout_, *options_.in_source), options_.shard_count,
+                                 options_.seed);
+  }
   if (options_.distribution != store::Distribution::kGreedy) {
     return ShardMap::Random(layout_.block_count(), options_.shard_count, options_.seed);
   }
@@ -295,6 +300,7 @@ absl::StatusOr<store::Manifest> VolumeWriter::Finish(const std::string& name) {
   manifest.block_cells = layout_.block_cells();
   manifest.distribution = options_.distribution;
   manifest.seed = is_random ? options_.seed : 0;
+  manifest.in_source = options_.in_source;
   manifest.samples_digest = samples_digest_.Finish(manifest.geometry, type_);
   manifest.dataset_id = store::ComputeDatasetId(manifest);
   cutter_.reset();

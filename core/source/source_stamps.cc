@@ -16,6 +16,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
 #include "core/io/file_stamp.h"
+#include "core/io/mounted_file.h"
 
 namespace isoscope::source {
 namespace {
@@ -59,6 +60,9 @@ void WriteBackIfNew(const std::string& path, const struct stat& info, absl::Time
 }  // namespace
 
 absl::StatusOr<std::string> ResolvedPath(const std::string& path) {
+  if (io::IsAddressText(path)) {
+    return path;
+  }
   std::error_code error;
   std::string resolved = std::filesystem::weakly_canonical(path, error).string();
   if (error) {
@@ -74,6 +78,9 @@ absl::StatusOr<std::string> StampsOf(const std::vector<std::string>& files) {
   const absl::Time now = absl::Now();  // files have times of this clock
   for (const std::string& file : files) {
     ISOSCOPE_ASSIGN_OR_RETURN(paths.emplace_back(), ResolvedPath(file));
+    if (io::IsMounted(file)) {
+      continue;
+    }
     struct stat info {};
     if (stat(paths.back().c_str(), &info) != 0) {
       return io::ErrnoToStatus(errno, "can't look at", paths.back());
@@ -84,11 +91,22 @@ absl::StatusOr<std::string> StampsOf(const std::vector<std::string>& files) {
   absl::SleepFor(wait);
   std::string text;
   for (const std::string& path : paths) {
+    if (const auto mounted = io::FindMounted(path); mounted.has_value()) {
+      absl::StrAppend(&text, path, "\n", mounted->file->size_bytes(), " ", mounted->version, "\n");
+      continue;
+    }
     const io::FileStamp stamp = io::StampOf(path);
     absl::StrAppend(&text, path, "\n", stamp.inode, " ", stamp.size, " ", TextOf(stamp.modified),
                     " ", TextOf(stamp.changed), "\n");
   }
   return text;
+}
+
+bool StampsTellAll(const std::vector<std::string>& files) {
+  return std::all_of(files.begin(), files.end(), [](const std::string& file) {
+    const auto mounted = io::FindMounted(file);
+    return !mounted.has_value() || mounted->tells_all;
+  });
 }
 
 }  // namespace isoscope::source

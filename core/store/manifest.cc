@@ -17,7 +17,8 @@
 //
 //   version 1, seal A     -- levels are added -->   version 3, seal B, base_crc32c A
 //
-// Shard files and series name A, and stay as they are.
+// Shard files and series name A, and stay as they are. That of an index-only dataset is of version 3
+// without levels, too.
 //
 // Example: tests/unit/core/store/manifest_test.cc has the whole text of a small manifest.
 // Members: docs/format/dataset.md, "manifest.json".
@@ -67,14 +68,15 @@ absl::Status ReadShards(const Json& json, absl::string_view where,
 // The position in a sealed text is found as the seal is: in a string the quotes would be escaped.
 constexpr absl::string_view kBaseCrc32cPrefix = "\"base_crc32c\": \"";
 
-// Adds what version 3 says behind its version.
-void AddExtension(const Manifest& manifest, Json* json) {
+bool IsExtended(const Manifest& manifest) {
+  return !manifest.levels.empty() || manifest.in_source.has_value();
+}
+
+void AddLevels(const Manifest& manifest, Json* json) {
   Manifest base = manifest;
   base.levels.clear();
   const absl::StatusOr<std::uint32_t> base_crc32c = ManifestCrc32c(EncodeManifest(base), "base");
   ISOSCOPE_CHECK(base_crc32c.ok());
-  (*json)["kind"] = std::string(kVolumeKind);
-  (*json)["requires"] = Json::array({std::string(kLevelsFeature)});
   (*json)["base_crc32c"] = JsonFromCrc32c(*base_crc32c);
   (*json)["level_filter"] = std::string(volume::NameOf(manifest.level_filter));
   Json levels = Json::array();
@@ -85,6 +87,77 @@ void AddExtension(const Manifest& manifest, Json* json) {
              {"manifest_crc32c", JsonFromCrc32c(level.manifest_crc32c)}});
   }
   (*json)["levels"] = std::move(levels);
+}
+
+void AddSourceSamples(const SourceSamples& in_source, Json* json) {
+  Json request = Json::object();
+  for (const auto& [name, value] : in_source.request) {
+    request[name] = value;
+  }
+  (*json)["in_source"] = Json{{"request", std::move(request)},
+                              {"unit_origin", JsonFromIndex(in_source.unit_origin)},
+                              {"unit_dims", JsonFromIndex(in_source.unit_dims)}};
+}
+
+// Adds what version 3 says behind its version.
+void AddExtension(const Manifest& manifest, Json* json) {
+  (*json)["kind"] = std::string(kVolumeKind);
+  Json required = Json::array();
+  if (!manifest.levels.empty()) {
+    required.push_back(std::string(kLevelsFeature));
+  }
+  if (manifest.in_source.has_value()) {
+    required.push_back(std::string(kIndexOnlyFeature));
+  }
+  (*json)["requires"] = std::move(required);
+  if (!manifest.levels.empty()) {
+    AddLevels(manifest, json);
+  }
+  if (manifest.in_source.has_value()) {
+    AddSourceSamples(*manifest.in_source, json);
+  }
+}
+
+absl::Status ReadSourceSamples(absl::string_view where, const Json& json, SourceSamples* samples) {
+  JsonFields fields(json, where);
+  ReadIndex("unit_origin", -kMaxInt64, 0, &fields, &samples->unit_origin);
+  ReadIndex("unit_dims", 1, kMaxUnitBytes, &fields, &samples->unit_dims);
+  const Json* const request = fields.ReadObject("request");
+  ISOSCOPE_RETURN_IF_ERROR(fields.status());
+  if (request->size() > kMaxRequestMembers || !request->contains("path")) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: member \"request\" has %d members, expected at most %d, with \"path\"",
+                        where, request->size(), kMaxRequestMembers));
+  }
+  JsonFields members(*request, where);
+  for (const auto& [name, value] : request->items()) {
+    std::string& text = samples->request[name];
+    members.Read(name.c_str(), &text);
+    if (text.size() > kMaxRequestBytes) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: a member of \"request\" has %d bytes, expected at most %d", where,
+                          text.size(), kMaxRequestBytes));
+    }
+  }
+  return members.status();
+}
+
+// DATA_LOSS if the units are none, or too large.
+absl::Status CheckSourceSamples(const Manifest& manifest, absl::string_view where) {
+  const SourceSamples& samples = *manifest.in_source;
+  std::int64_t bytes = static_cast<std::int64_t>(volume::SizeOf(manifest.scalar_type));
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::int64_t size = samples.unit_dims[axis];
+    if (samples.unit_origin[axis] <= -size || size > kMaxUnitBytes / bytes) {
+      return absl::DataLossError(absl::StrFormat(
+          "%s: units of %d x %d x %d samples from %d, %d, %d on: expected at most %d bytes, and "
+          "the first to have the first sample",
+          where, samples.unit_dims.x, samples.unit_dims.y, samples.unit_dims.z,
+          samples.unit_origin.x, samples.unit_origin.y, samples.unit_origin.z, kMaxUnitBytes));
+    }
+    bytes *= size;
+  }
+  return absl::OkStatus();
 }
 
 absl::Status ReadLevels(absl::string_view where, JsonFields* fields, Manifest* manifest) {
@@ -220,9 +293,9 @@ std::string EncodeManifest(const Manifest& manifest) {
   }
   Json json;
   json["format"] = std::string(kManifestFormat);
-  json["format_version"] = manifest.levels.empty() ? kFormatVersion : kExtendedFormatVersion;
+  json["format_version"] = IsExtended(manifest) ? kExtendedFormatVersion : kFormatVersion;
   json["crc32c"] = JsonFromCrc32c(0);
-  if (!manifest.levels.empty()) {
+  if (IsExtended(manifest)) {
     AddExtension(manifest, &json);
   }
   json["dataset_id"] = manifest.dataset_id;
@@ -306,7 +379,14 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
     return WithContext(where, known_distribution.status());
   }
   manifest.distribution = *known_distribution;
-  if (version == kExtendedFormatVersion) {
+  if (version == kExtendedFormatVersion && fields.Has("in_source")) {
+    const Json* const in_source = fields.ReadObject("in_source");
+    ISOSCOPE_RETURN_IF_ERROR(fields.status());
+    ISOSCOPE_RETURN_IF_ERROR(ReadSourceSamples(where, *in_source, &manifest.in_source.emplace()));
+    ISOSCOPE_RETURN_IF_ERROR(CheckSourceSamples(manifest, where));
+  }
+  if (version == kExtendedFormatVersion &&
+      (fields.Has("levels") || !manifest.in_source.has_value())) {
     ISOSCOPE_RETURN_IF_ERROR(ReadLevels(where, &fields, &manifest));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckConsistency(manifest, where));

@@ -14,6 +14,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/store/sample_reader.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/label.h"
@@ -74,6 +75,9 @@ struct Manifest {
   // Levels 1, 2, ...: each has a block for every shard. Empty: there are none.
   std::vector<LevelSummary> levels{};
   volume::LevelFilter level_filter = volume::LevelFilter::kMean;  // that made them
+  // Set in an index-only dataset: the shards have no blocks.bin. block_bytes and the block indices
+  // are those of raw blocks.
+  std::optional<SourceSamples> in_source = std::nullopt;
 
   // 0 if there is only the volume itself.
   [[nodiscard]] int highest_level() const { return static_cast<int>(levels.size()); }
@@ -85,8 +89,8 @@ struct Manifest {
   friend bool operator==(const Manifest&, const Manifest&) = default;
 };
 
-// Returns the bytes of manifest.json, sealed: of version 3 if there are levels, else of version 1,
-// which earlier programs read.
+// Returns the bytes of manifest.json, sealed: of version 3 if there are levels or the samples are in
+// the source, else of version 1, which earlier programs read.
 std::string EncodeManifest(const Manifest& manifest);
 // Decodes and validates a manifest. `where` names the file in messages. DATA_LOSS if the bytes are
 // damaged or contradict themselves, FAILED_PRECONDITION if they have a newer format version.

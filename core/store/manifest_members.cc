@@ -22,9 +22,12 @@
 namespace isoscope::store {
 namespace {
 
-absl::Status CheckRequired(const Json& required, absl::string_view where) {
+absl::Status CheckRequired(const Json& required, absl::string_view where, absl::string_view kind) {
+  const auto is_known = [kind](absl::string_view feature) {
+    return feature == kLevelsFeature || (feature == kIndexOnlyFeature && kind == kVolumeKind);
+  };
   for (const Json& feature : required) {
-    if (!feature.is_string() || feature.get_ref<const std::string&>() != kLevelsFeature) {
+    if (!feature.is_string() || !is_known(feature.get_ref<const std::string&>())) {
       return absl::FailedPreconditionError(
           absl::StrCat(where, ": requires ", feature.dump(-1, ' ', true),
                        ", which this program does not know; use a newer program"));
@@ -43,7 +46,7 @@ absl::StatusOr<int> ReadVersion(const Json& json, absl::string_view where, absl:
   if (version == kExtendedFormatVersion) {
     fields.Read("kind", &stated_kind);
     if (const Json* required = fields.ReadArray("requires")) {
-      fields.Fail(CheckRequired(*required, where));
+      fields.Fail(CheckRequired(*required, where, stated_kind));
     }
   }
   ISOSCOPE_RETURN_IF_ERROR(fields.status());

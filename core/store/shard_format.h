@@ -53,6 +53,7 @@ inline constexpr int kExtendedFormatVersion = 3;
 inline constexpr absl::string_view kVolumeKind = "volume";
 inline constexpr absl::string_view kSeriesKind = "series";
 inline constexpr absl::string_view kLevelsFeature = "levels";
+inline constexpr absl::string_view kIndexOnlyFeature = "index_only";  // of volumes alone
 
 // Larger files are refused before memory is allocated for them. The largest manifest, of
 // kMaxShardCount shards, takes about 9 MiB.

@@ -8,7 +8,8 @@
 //   4. interval_tree.bin size, and CRC-32C of its first 4096 bytes, from shard.json
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
-//   6. blocks.bin        size; each block's CRC-32C when it is read
+//   6. blocks.bin        size; each block's CRC-32C when it is read. An index-only shard has none:
+//                        its source is opened, and blocks are read from there (source_blocks_file.h)
 //   7. histogram.bin     on request only: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
@@ -25,7 +26,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -41,6 +44,7 @@
 #include "core/store/sealed_json.h"
 #include "core/store/series_manifest.h"
 #include "core/store/shard_format.h"
+#include "core/store/source_blocks_file.h"
 #include "core/store/span_tree_file.h"
 #include "core/volume/block_set.h"
 
@@ -100,7 +104,8 @@ bool IsShardDirectory(const std::string& directory) {
 }
 
 absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string& directory,
-                                                               const OpenFile& open_file) {
+                                                               const OpenFile& open_file,
+                                                               const OpenSamples& open_samples) {
   const bool has_manifest = io::PathExists(PathIn(directory, kManifestFileName));
   if (!has_manifest && io::PathExists(PathIn(directory, kBlocksFileName))) {
     return absl::FailedPreconditionError(
@@ -127,7 +132,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   reader->layout_ = descriptions.layout;
   ISOSCOPE_RETURN_IF_ERROR(reader->OpenRanges(open_file));
   ISOSCOPE_RETURN_IF_ERROR(reader->ReadShardFile(open_file));
-  ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file));
+  ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file, open_samples));
   return reader;
 }
 
@@ -223,7 +228,8 @@ absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
   return absl::OkStatus();
 }
 
-absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
+absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file,
+                                         const OpenSamples& open_samples) {
   const ShardSummary& expected = manifest_.shards[static_cast<std::size_t>(shard_index_)];
   const std::string path = PathIn(directory_, kBlockIndexFileName);
   const std::int64_t size = static_cast<std::int64_t>(kBinaryHeaderBytes) +
@@ -244,7 +250,7 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
         expected.block_bytes));
   }
   ISOSCOPE_RETURN_IF_ERROR(DecodeEntries(path, bytes));
-  return OpenBlocks(open_file);
+  return OpenBlocks(open_file, open_samples);
 }
 
 absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_view bytes) {
@@ -272,7 +278,7 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
     const auto encoding = static_cast<BlockEncoding>(entry.encoding);
     const bool has_right_size = encoding == BlockEncoding::kRaw
                                     ? entry.size == raw_size
-                                    : entry.size > 0 && entry.size < raw_size;
+                                    : !is_index_only() && entry.size > 0 && entry.size < raw_size;
     if (!has_right_size || entry.raw_size != raw_size || entry.offset != offset) {
       return absl::DataLossError(absl::StrFormat(
           "%s: offset %d: block %d of %d stored (%s) and %d raw bytes at %d, expected %d raw bytes "
@@ -290,13 +296,31 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
   return absl::OkStatus();
 }
 
-absl::Status ShardReader::OpenBlocks(const OpenFile& open_file) {
+absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSamples& open_samples) {
   const std::int64_t manifest_bytes =
       manifest_.shards[static_cast<std::size_t>(shard_index_)].block_bytes;
   const std::int64_t index_bytes =
       entries_.empty() ? 0 : entries_.back().offset + std::int64_t{entries_.back().size};
   const std::string path = PathIn(directory_, kBlocksFileName);
-  ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenRequired(path, open_file));
+  if (is_index_only()) {
+    if (open_samples == nullptr) {
+      return absl::FailedPreconditionError(absl::StrFormat(
+          "%s: an index-only dataset: its samples are in %s, and this program may read no source",
+          directory_, manifest_.in_source->request.at("path")));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const SampleReader> samples,
+                              open_samples(manifest_));
+    source_name_ = samples->name();
+    blocks_file_ = MakeSourceBlocksFile(path, manifest_bytes, samples, [this](std::int64_t offset) {
+      const auto behind =
+          std::upper_bound(entries_.begin(), entries_.end(), offset,
+                           [](std::int64_t at, const Entry& entry) { return at < entry.offset; });
+      const Entry& entry = *std::prev(behind);
+      return BlockPlace{.block_id = entry.block_id, .offset = entry.offset, .size = entry.size};
+    });
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenRequired(path, open_file));
+  }
   blocks_file_->ExpectScatteredReads();
   if (index_bytes != manifest_bytes || blocks_file_->size_bytes() != index_bytes) {
     return absl::DataLossError(
@@ -372,7 +396,9 @@ std::vector<ShardReader::DiskRun> ShardReader::PlanDiskRuns(
   // Find the largest gap that is read over. Only the first `ties_left` gaps of that size are read
   // over.
   std::sort(gaps.begin(), gaps.end());
-  auto budget = static_cast<std::int64_t>(kMaxGapShare * static_cast<double>(useful_bytes));
+  auto budget = is_index_only()
+                    ? std::int64_t{0}
+                    : static_cast<std::int64_t>(kMaxGapShare * static_cast<double>(useful_bytes));
   std::int64_t largest_gap = 0;
   std::int64_t ties_left = 0;
   for (const std::int64_t gap : gaps) {
@@ -442,6 +468,13 @@ absl::StatusOr<const char*> ShardReader::VerifyAndDecode(const Entry& entry, con
                                                          BlockBuffers* buffers) const {
   const std::uint32_t computed = base::ExtendCrc32c(0, stored, entry.size);
   if (computed != entry.crc32c) {
+    if (is_index_only()) {
+      return absl::DataLossError(absl::StrFormat(
+          "%s: block %d of %s: its samples in %s are not those that were partitioned (crc32c "
+          "0x%08x, "
+          "now 0x%08x): the source has changed; partition it anew",
+          Where(), entry.block_id, blocks_file_->path(), source_name_, entry.crc32c, computed));
+    }
     return absl::DataLossError(absl::StrFormat(
         "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "
         "the shard again or partition anew",

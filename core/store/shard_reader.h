@@ -21,6 +21,7 @@
 #include "core/io/file.h"
 #include "core/io/read_queue.h"
 #include "core/store/manifest.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_format.h"
 #include "core/store/volume_ranges.h"
 #include "core/volume/block_layout.h"
@@ -58,18 +59,25 @@ class ShardReader {
   // Opens a shard and verifies manifest, range table, shard file and block index: their checksums,
   // their sizes, and that they belong together. Blocks are verified as they are read.
   //
-  // open_file: opens each file; tests inject faults here
+  // open_file:    opens each file; tests inject faults here
+  // open_samples: opens the source of an index-only shard, and may be empty: no other needs it
   //
-  // NOT_FOUND: there is no shard. FAILED_PRECONDITION: the shard was never finished, or has a newer
-  // format version. DATA_LOSS: it is damaged; the message names file and offset.
+  // NOT_FOUND: there is no shard. FAILED_PRECONDITION: the shard was never finished, has a newer
+  // format version, or is index-only and nothing opens its source. DATA_LOSS: it is damaged; the
+  // message names file and offset. Errors of open_samples.
   using OpenFile =
       std::function<absl::StatusOr<std::unique_ptr<io::RandomAccessFile>>(const std::string& path)>;
   static absl::StatusOr<std::unique_ptr<ShardReader>> Open(
-      const std::string& directory, const OpenFile& open_file = io::OpenRandomAccessFile);
+      const std::string& directory, const OpenFile& open_file = io::OpenRandomAccessFile,
+      const OpenSamples& open_samples = nullptr);
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
+  // Whether the samples are read from the source.
+  [[nodiscard]] bool is_index_only() const { return manifest_.in_source.has_value(); }
+  // The path or address of the source then, else "".
+  [[nodiscard]] const std::string& source_name() const { return source_name_; }
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
   // The whole table: of a span_tree.bin it is read at the first call, and kept (VolumeRanges::table).
   // Spans and ActiveTree do without.
@@ -121,7 +129,8 @@ class ShardReader {
     std::size_t first = 0;    // index into the ordinals that were planned
     std::size_t count = 0;    // blocks
   };
-  // Groups ordinals into disk runs of at most kMaxDiskRunBytes, or one block if that is larger.
+  // Groups ordinals into disk runs of at most kMaxDiskRunBytes, or one block if that is larger. Of
+  // an index-only shard no gap is read over.
   // Small gaps are read over, the smallest first, as long as all of them are at most kMaxGapShare
   // of the blocks' bytes. O(n log n).
   //
@@ -154,12 +163,12 @@ class ShardReader {
 
   absl::Status OpenRanges(const OpenFile& open_file);
   absl::Status ReadShardFile(const OpenFile& open_file);
-  absl::Status ReadBlockIndex(const OpenFile& open_file);
+  absl::Status ReadBlockIndex(const OpenFile& open_file, const OpenSamples& open_samples);
   // Fills entries_ from the verified bytes of the block index and checks each entry. `path` is
   // named in errors.
   absl::Status DecodeEntries(const std::string& path, absl::string_view bytes);
   // Opens blocks.bin and checks its size. REQUIRES: entries_ is filled.
-  absl::Status OpenBlocks(const OpenFile& open_file);
+  absl::Status OpenBlocks(const OpenFile& open_file, const OpenSamples& open_samples);
   // Returns "dataset NAME (ID), shard 3 of 16".
   [[nodiscard]] std::string Where() const;
 
@@ -190,6 +199,7 @@ class ShardReader {
   std::optional<std::uint32_t> histogram_crc32c_;  // of the whole file; not set: there is none
   std::int64_t histogram_bytes_ = 0;
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
+  std::string source_name_;  // of an index-only shard, for messages
 };
 
 }  // namespace isoscope::store

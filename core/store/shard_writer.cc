@@ -335,6 +335,15 @@ std::string ComputeDatasetId(const Manifest& manifest) {
     AppendString(label.name, &canonical);
     AppendString(label.color.has_value() ? volume::ToHex(*label.color) : "", &canonical);
   }
+  if (manifest.in_source.has_value()) {
+    AppendString("in_source", &canonical);
+    for (const auto& [name, value] : manifest.in_source->request) {
+      AppendString(name, &canonical);
+      AppendString(value, &canonical);
+    }
+    AppendVector(manifest.in_source->unit_origin, &canonical);
+    AppendVector(manifest.in_source->unit_dims, &canonical);
+  }
   constexpr std::size_t kIdDigits = 32;
   return base::Sha256Hex(canonical).substr(0, kIdDigits);
 }

@@ -3,6 +3,7 @@
 //   1/4          steps in work: ReserveStep waits until a step's bytes fit
 //   1/16, 1/32   images and layers that wait for the next step
 //   1/32         open volumes, if there are series
+//   1/8          units of sources, if there are index-only shards
 //   the rest     in use with the shards open, and trees and pages of large volumes; the cache gets
 //                half of what is left, and allocators, stacks and messages the other half (Settle)
 //
@@ -98,10 +99,12 @@ absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
     base::ReturnFreedMemory();
   }
   const std::size_t in_use = base::ResidentBytes() + store::VolumeRanges::LaterBytes();
-  const double rest_share = kRestShare - (has_series_.load() ? 1.0 / kOpenVolumesShare : 0.0);
+  const double rest_share = kRestShare - (has_series_.load() ? 1.0 / kOpenVolumesShare : 0.0) -
+                            (has_source_.load() ? 1.0 / kSourceShare : 0.0);
   const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes() +
                                  unused_layer_bytes() +
-                                 (has_series_.load() ? limit_bytes_ / kOpenVolumesShare : 0);
+                                 (has_series_.load() ? limit_bytes_ / kOpenVolumesShare : 0) +
+                                 (has_source_.load() ? source_bytes() : 0);
   const std::size_t taken = in_use + for_frames;
   if (taken + kMinCacheBytes > limit_bytes_) {
     // The next process may use a little more than this one.

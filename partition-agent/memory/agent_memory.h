@@ -65,6 +65,11 @@ class AgentMemory {
     return open_volumes_;
   }
 
+  // The units of sources of index-only shards. NoteSource: there are some, so the cache leaves room
+  // for them. Call it before Settle.
+  [[nodiscard]] std::size_t source_bytes() const { return limit_bytes_ / kSourceShare; }
+  void NoteSource() { has_source_.store(true); }
+
   // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
   // limit with the default number of steps, at most 16 MiB (more does not pay), at least one disk
   // run.
@@ -103,11 +108,14 @@ class AgentMemory {
   [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
 
  private:
+  static constexpr std::size_t kSourceShare = 8;  // of the limit, if there are index-only shards
+
   [[nodiscard]] std::size_t StepBytes(const view::Viewport& viewport, int max_layers) const;
 
   const std::size_t limit_bytes_;
   const std::size_t step_count_;  // at least the default
   std::atomic<bool> has_series_{false};
+  std::atomic<bool> has_source_{false};
   const std::shared_ptr<OpenVolumes> open_volumes_;
   base::MemoryBudget steps_;
   BlockCache cache_;

@@ -143,9 +143,10 @@ std::uint32_t NextShardNumber() {
 
 absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory,
                                                        std::uint32_t number,
-                                                       const store::OpenFile& open_file) {
+                                                       const store::OpenFile& open_file,
+                                                       const store::OpenSamples& open_samples) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardReader> reader,
-                            store::ShardReader::Open(directory, open_file));
+                            store::ShardReader::Open(directory, open_file, open_samples));
   return WithTree(std::move(reader), number, open_file);
 }
 
@@ -161,10 +162,11 @@ absl::StatusOr<std::shared_ptr<const Shard>> OpenLevel(const Shard& shard, int l
   return WithTree(*std::move(reader), number, open_file);
 }
 
-absl::StatusOr<std::shared_ptr<const Shard>> OpenShardWithLevels(const std::string& directory,
-                                                                 const store::OpenFile& open_file) {
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShardWithLevels(
+    const std::string& directory, const store::OpenFile& open_file,
+    const store::OpenSamples& open_samples) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<store::ShardReader> reader,
-                            store::ShardReader::Open(directory, open_file));
+                            store::ShardReader::Open(directory, open_file, open_samples));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<Shard> shard,
                             WithTree(std::move(reader), NextShardNumber(), open_file));
   for (int level = 1; level <= shard->reader->manifest().highest_level(); ++level) {

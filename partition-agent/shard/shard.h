@@ -39,10 +39,11 @@ std::uint32_t NextShardNumber();
 // blocks.
 //
 // number: Shard::number; that of an earlier opening only if the contents are the same
-// open_file: as for ShardReader::Open
+// open_file, open_samples: as for ShardReader::Open
 absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(
     const std::string& directory, std::uint32_t number = NextShardNumber(),
-    const store::OpenFile& open_file = io::OpenRandomAccessFile);
+    const store::OpenFile& open_file = io::OpenRandomAccessFile,
+    const store::OpenSamples& open_samples = nullptr);
 
 // Opens a level >= 1 of a shard: a shard of its own, of stored values (core/store/shard_levels.h).
 // FAILED_PRECONDITION if the shard lacks it. Other errors as OpenShard.
@@ -53,7 +54,8 @@ absl::StatusOr<std::shared_ptr<const Shard>> OpenLevel(
 // Opens a shard with its levels. One that is missing or damaged is logged, and left out: the rest
 // can be drawn. Errors as OpenShard.
 absl::StatusOr<std::shared_ptr<const Shard>> OpenShardWithLevels(
-    const std::string& directory, const store::OpenFile& open_file = io::OpenRandomAccessFile);
+    const std::string& directory, const store::OpenFile& open_file = io::OpenRandomAccessFile,
+    const store::OpenSamples& open_samples = nullptr);
 
 }  // namespace isoscope::agent
 

@@ -37,7 +37,12 @@ absl::Status BlockReads::ForEach(const AgentResources& resources,
     metrics->read_bytes.Add(read_bytes_);
     watch.wait = &metrics->read_wait;
   }
-  io::ReadQueue queue(std::move(reads_), {.max_bytes = resources.max_read_bytes});
+  // A far source is read by many threads; a ring reads by one what is no file.
+  const bool is_index_only = std::any_of(
+      shards_.begin(), shards_.end(), [](const OfShard& of) { return of.reader->is_index_only(); });
+  io::ReadQueue queue(std::move(reads_), {.backend = is_index_only ? io::ReadBackend::kThreads
+                                                                   : io::ReadBackend::kAutomatic,
+                                          .max_bytes = resources.max_read_bytes});
   return ForEachArrival(
       &queue, resources.arena, cancellation,
       [&](const io::ReadQueue::Arrival& arrival) { return VisitArrival(arrival, visit, pauses); },

@@ -9,6 +9,7 @@ ELSEWHERE that says which test follows it, or why it gives no advice.
 """
 
 import glob
+import json
 import os
 import re
 import shlex
@@ -40,6 +41,11 @@ ELSEWHERE = [
     (r'the iterations of a series have one grid', 'test: hdf5_mesh_series_test.cc'),
     (r'a dataset of a pattern; expected a mesh', 'test: hdf5_file_series_test.cc'),
     (r'for what --append appends|--append DIR', 'says which flags do not fit'),
+    (r'`aws configure export-credentials', 'test: remote_options_test.cc'),
+    (r'isoscope copy', 'test: address_source_test.cc'),
+    (r'is a Zarr store; expected --format zarr', 'test: address_source_test.cc'),
+    (r' and --axes : expected', 'test: npy_header_test.cc'),
+    (r"can't be indexed alone", 'test: sample_opener_test.cc'),
     # Those name what does not fit, or the choices.
     (r'is no box X0:X1', 'form of a value'),
     (r'^%s: --crop %d:%d on axis', 'names the limits'),
@@ -383,6 +389,20 @@ class AdviceTest(unittest.TestCase):
         for command in (['render', path, '--isovalue', '60', '--output', self.output() + '.png'], ['info', path],
                         ['info', path + ':u'], ['partition', path, '--output', self.output()]):
             self.commands(self.refused(command, r'run \(\?, 3\)'))
+
+    def test_axes_of_zarr(self):
+        folder = os.path.join(self.folder, 'a b.zarr')
+        os.makedirs(os.path.join(folder, 'u'))
+        shape = [3, 4, 5, 6]
+        self.file('a b.zarr/.zgroup', b'{"zarr_format": 2}')
+        self.file('a b.zarr/u/.zattrs', b'{"_ARRAY_DIMENSIONS": ["run", "lev", "lat", "lon"]}')
+        self.file('a b.zarr/u/.zarray', json.dumps(
+            {'zarr_format': 2, 'shape': shape, 'chunks': shape, 'dtype': '|u1', 'order': 'C', 'compressor': None, 'filters': None,
+             'fill_value': 0}).encode())
+        self.file('a b.zarr/u/0.0.0.0', ramp(360))
+        for command in (['render', folder, '--isovalue', '60', '--output', self.output() + '.png'], ['info', folder],
+                        ['info', folder + ':u'], ['partition', folder, '--output', self.output()]):
+            self.commands(self.refused(command, 'its axes are run'))
 
     def test_pages_of_tiff(self):
         for name, description in (('a.tif', 'ImageJ=1\nimages=4\nslices=3\nframes=2\n'),

@@ -54,6 +54,25 @@ class SurveyTest(unittest.TestCase):
     self.assertEqual(found['whole.nrrd']['step'], 'render')
     self.assertIn('cut.nrrd', found['cut.nrrd']['message'])
 
+  def test_a_zarr_store_and_each_of_its_arrays_is_a_source(self):
+    store = os.path.join(self.tree, 'run.zarr')
+    array = {'zarr_format': 2, 'shape': [4, 4, 4], 'chunks': [4, 4, 4], 'dtype': '|u1', 'order': 'C', 'compressor': None,
+             'fill_value': 0, 'filters': None}
+    for name, metadata, chunk in (('volume', array, '0.0.0'), ('plane', dict(array, shape=[4, 4], chunks=[4, 4]), '0.0')):
+      os.makedirs(os.path.join(store, name))
+      with open(os.path.join(store, name, '.zarray'), 'w', encoding='utf-8') as file:
+        json.dump(metadata, file)
+      with open(os.path.join(store, name, chunk), 'wb') as file:
+        file.write(bytes(range(4 ** len(metadata['shape']))))
+    with open(os.path.join(store, '.zgroup'), 'w', encoding='utf-8') as file:
+      json.dump({'zarr_format': 2}, file)
+    done, found = self.survey()
+    self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+    self.assertEqual({name: (r['ending'], r['outcome']) for name, r in found.items()},
+                     {'run.zarr': ('Zarr', 'opened'), 'volume': ('Zarr array', 'opened'),
+                      'plane': ('Zarr array', 'refused')}, done.stdout)
+    self.assertIn('an array of 2 axes', found['plane']['message'])
+
   def test_a_program_that_crashes_fails_the_survey(self):
     self.write('a.nrrd', b'NRRD0004\n')
     program = os.path.join(os.path.dirname(self.report), 'crashes')

@@ -12,6 +12,7 @@
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
+#include "core/io/file.h"
 #include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/volume_level.h"
@@ -209,12 +210,15 @@ class LocalAgentLink final : public server::AgentLink {
   std::thread thread_;  // last: it uses all of the above
 };
 
-absl::StatusOr<agent::Shards> OpenShardsOf(const std::string& dataset_directory) {
+absl::StatusOr<agent::Shards> OpenShardsOf(const std::string& dataset_directory,
+                                           const store::OpenSamples& open_samples = nullptr) {
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
                             store::OpenDataset(dataset_directory));
   agent::Shards shards;
   for (const std::string& directory : description.shard_directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(shards.emplace_back(), agent::OpenShardWithLevels(directory));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        shards.emplace_back(),
+        agent::OpenShardWithLevels(directory, io::OpenRandomAccessFile, open_samples));
   }
   return shards;
 }
@@ -237,9 +241,10 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
 }
 
 absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
-    const std::string& dataset_directory, render::Renderer* renderer) {
+    const std::string& dataset_directory, render::Renderer* renderer,
+    const store::OpenSamples& open_samples) {
   auto cluster = std::make_unique<LocalCluster>();
-  ISOSCOPE_ASSIGN_OR_RETURN(cluster->shards_, OpenShardsOf(dataset_directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->shards_, OpenShardsOf(dataset_directory, open_samples));
   cluster->given_renderer_ = renderer;
   cluster->ForgetAll(kAmpleCacheBytes);
   return cluster;

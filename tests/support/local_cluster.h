@@ -22,6 +22,7 @@
 #include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
 #include "core/render/renderer_factory.h"
+#include "core/store/sample_reader.h"
 #include "core/store/series_manifest.h"
 #include "core/volume/grid_geometry.h"
 #include "partition-agent/cache/block_cache.h"
@@ -48,9 +49,10 @@ class LocalCluster {
   static absl::StatusOr<std::unique_ptr<LocalCluster>> Open(
       const std::string& dataset_directory, render::Renderer* renderer, const Limits& limits,
       std::size_t cache_bytes = kAmpleCacheBytes);
-  // Opens it asleep.
+  // Opens it asleep. open_samples: for an index-only dataset
   static absl::StatusOr<std::unique_ptr<LocalCluster>> OpenAsleep(
-      const std::string& dataset_directory, render::Renderer* renderer);
+      const std::string& dataset_directory, render::Renderer* renderer,
+      const store::OpenSamples& open_samples = nullptr);
   // The same of a series. The agents share `open_volume_bytes` for the scalar volumes that they
   // keep open.
   static absl::StatusOr<std::unique_ptr<LocalCluster>> OpenSeriesAsleep(

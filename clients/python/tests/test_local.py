@@ -174,7 +174,7 @@ def test_a_raw_file_is_served_with_its_dims(programs, tmp_path):
     "array, words",
     [
         (np.zeros((3, 3)), "shape"), (np.zeros((3, 3, 1)), "at least 2"),
-        (np.zeros((3, 3, 3), complex), "complex128"), (np.zeros((3, 3, 3), np.int64), "int64"),
+        (np.zeros((3, 3, 3), complex), "complex128"), (np.zeros((3, 3, 3), object), "object"),
     ],
 )  # fmt: skip
 def test_arrays_that_are_no_volumes_are_refused(programs, array, words):

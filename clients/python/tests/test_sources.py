@@ -1,8 +1,10 @@
 """What `isoscope.serve` takes: arrays of numpy and dask, xarray by its coordinates; the rest is refused by its type."""
 
 import collections
+import errno
 import importlib
 import importlib.util
+import re
 import struct
 import warnings
 
@@ -11,7 +13,7 @@ import pytest
 
 import isoscope
 import skips
-from isoscope._serving import netcdf_file, samples
+from isoscope._serving import netcdf_file, progress, samples
 from isoscope._serving.netcdf_file import Variable
 from isoscope.errors import InvalidArgumentError, ProgramError
 
@@ -55,7 +57,7 @@ class Tensor:
 def test_a_source_of_another_type_is_refused_with_what_is_taken(source, words):
     with pytest.raises(InvalidArgumentError, match=words) as caught:
         isoscope.serve(source)
-    for taken in ("path", "numpy or dask array", "dict", "xarray DataArray or Dataset"):
+    for taken in ("path", "address", "numpy or dask array", "dict", "xarray DataArray or Dataset", "zarr", "fsspec"):
         assert taken in str(caught.value)
     assert ("numpy.asarray" in str(caught.value)) == ("numpy.asarray" in words)
 
@@ -75,6 +77,7 @@ def test_masked_samples_of_dask_are_not_taken_for_values(dask_array, tmp_path):
     with open(tmp_path / "samples", "wb") as file:
         with pytest.raises(InvalidArgumentError, match="2 masked samples.*filled"):
             samples.write_samples(file, dask_array.from_array(masked, chunks=2, asarray=False), np.dtype("<f8"))
+    with open(tmp_path / "samples", "wb") as file:
         samples.write_samples(file, dask_array.from_array(masked[1:], chunks=2, asarray=False), np.dtype("<f8"))
     assert np.array_equal(np.fromfile(tmp_path / "samples", "<f8"), np.arange(9.0, 27.0))
 
@@ -82,29 +85,124 @@ def test_masked_samples_of_dask_are_not_taken_for_values(dask_array, tmp_path):
 # ---- parts of arrays
 
 
-@pytest.mark.parametrize("shape", [(1,), (7,), (5, 4), (1, 6, 3), (3, 1, 2, 5)])
+SHAPES = [(1,), (7,), (5, 4), (1, 6, 3), (3, 1, 2, 5), (4, 6, 5), (2, 3, 4, 5, 2)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("limit", [1, 16, 40, 10_000])
-@pytest.mark.parametrize("is_chunked", [False, True])
-def test_parts_follow_each_other_in_the_order_of_the_file(monkeypatch, tmp_path, shape, limit, is_chunked):
+def test_parts_follow_each_other_in_the_order_of_the_file(monkeypatch, tmp_path, shape, limit):
     monkeypatch.setattr(samples, "_PART_BYTES", limit)
     array = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
-    chunks = tuple((2,) * (side // 2) + (1,) * (side % 2) for side in shape)
-    source = array
-    if is_chunked:
-
-        class Chunked(np.ndarray):
-            pass
-
-        source = array.view(Chunked)
-        source.chunks = chunks
-        parts = list(samples._parts(shape, 4, chunks))
-        # No chunk is in two parts, unless it has one element along the first axis.
-        assert all(index[0].stop - index[0].start == 1 for index in parts if len(index) > 1)
-    with open(tmp_path / "samples", "wb") as file:
+    with open(tmp_path / "samples", "w+b") as file:
         file.write(b"head")
-        samples.write_samples(file, source, np.dtype(">i4"))
+        samples.write_samples(file, array, np.dtype(">i4"))
+        file.write(b"tail")
     data = (tmp_path / "samples").read_bytes()
-    assert data[:4] == b"head" and (np.frombuffer(data, ">i4", offset=4) == array.ravel()).all()
+    assert data[:4] == b"head" and data[-4:] == b"tail"
+    assert (np.frombuffer(data[4:-4], ">i4") == array.ravel()).all()
+
+
+class Lazy:
+    """An array whose chunks are counted."""
+
+    def __init__(self, array, chunks, dtype=None):
+        self.shape, self.dtype, self.chunks = array.shape, array.dtype if dtype is None else np.dtype(dtype), chunks
+        self.array, self.counts, self.most = array, np.zeros(array.shape, int), 0
+
+    def compute(self, indices):
+        self.most = max(self.most, sum(self.array[index].nbytes for index in indices))
+        for index in indices:
+            self.counts[index] += 1
+        return [self.array[index] for index in indices]
+
+
+def random_chunks(rng, side):
+    ends = sorted({side, *rng.integers(1, side + 1, 3).tolist()})
+    return np.diff([0, *ends]).tolist()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("mode", ["wb", "w+b"])  # a file that is not read can't be mapped
+@pytest.mark.parametrize("run_bytes", [0, 12, 1 << 20])
+def test_chunks_land_at_their_places_each_computed_once_few_at_a_time(monkeypatch, tmp_path, shape, mode, run_bytes):
+    monkeypatch.setattr(samples, "_RUN_BYTES", run_bytes)
+    rng = np.random.default_rng(len(shape) + run_bytes)
+    array = rng.integers(0, 1000, shape).astype(np.int16)
+    for batch_bytes in (1, 50, 10_000):
+        monkeypatch.setattr(samples, "_BATCH_BYTES", batch_bytes)
+        chunks = [random_chunks(rng, side) for side in shape]
+        lazy = Lazy(array, chunks)
+        with open(tmp_path / "samples", mode) as file:
+            file.write(b"head")
+            samples.write_samples(file, lazy, np.dtype(">f4"))
+            file.write(b"tail")
+        data = (tmp_path / "samples").read_bytes()
+        assert data[:4] == b"head" and data[-4:] == b"tail" and (lazy.counts == 1).all()
+        assert (np.frombuffer(data[4:-4], ">f4") == array.ravel()).all()
+        largest = 2 * np.prod([max(sizes) for sizes in chunks])
+        assert lazy.most <= max(batch_bytes, largest)
+
+
+def test_runs_beyond_a_page_land_through_maps(tmp_path):
+    array = np.random.default_rng(8).integers(0, 255, (5, 70, 3000), np.uint8)
+    lazy = Lazy(array, [[2, 3], [33, 37], [1000, 700, 1300]])
+    with open(tmp_path / "samples", "w+b") as file:
+        file.write(b"x" * 4097)
+        samples.write_samples(file, lazy, np.dtype("u1"))
+    assert np.array_equal(np.fromfile(tmp_path / "samples", "u1", offset=4097), array.ravel())
+
+
+def test_a_chunk_of_another_type_or_shape_than_the_array_says_is_refused(tmp_path):
+    array = np.zeros((2, 3, 4))
+    with open(tmp_path / "samples", "w+b") as file:
+        with pytest.raises(InvalidArgumentError, match=r"samples \[0:2, 0:3, 0:4\] are of float64.*it is of int16.*dtype"):
+            samples.write_samples(file, Lazy(array, [[2], [3], [4]], "int16"), np.dtype("<i2"))
+        wrong = Lazy(array, [[2], [3], [4]])
+        wrong.shape, wrong.chunks = (2, 3, 5), [[2], [3], [5]]
+        with pytest.raises(InvalidArgumentError, match=r"have the shape \(2, 3, 4\), .* promises \(2, 3, 5\)"):
+            samples.write_samples(file, wrong, np.dtype("<f8"))
+
+
+def test_samples_without_room_are_refused_before_they_are_computed(monkeypatch, tmp_path):
+    def full(descriptor, begin, size):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(samples.os, "posix_fallocate", full)
+    lazy = Lazy(np.zeros((2, 3, 4)), [[2], [3], [4]])
+    with open(tmp_path / "samples", "w+b") as file:
+        with pytest.raises(isoscope.ResourceExhaustedError, match=f"192 bytes .* {tmp_path}: No space.*TMPDIR"):
+            samples.write_samples(file, lazy, np.dtype("<f8"))
+    assert not lazy.counts.any()
+
+
+def test_a_file_system_that_reserves_nothing_is_written_without_maps(monkeypatch, tmp_path):
+    def unknown(descriptor, begin, size):
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(samples.os, "posix_fallocate", unknown)
+    monkeypatch.setattr(samples, "_map_planes", None)
+    array = np.arange(60).reshape(3, 4, 5)
+    with open(tmp_path / "samples", "w+b") as file:
+        samples.write_samples(file, Lazy(array, [[3], [2, 2], [3, 2]]), np.dtype("<i8"))
+    assert np.array_equal(np.fromfile(tmp_path / "samples", "<i8"), array.ravel())
+
+
+@pytest.mark.parametrize(
+    "shape, chunk, expected",
+    [
+        ((10, 10, 10), (1, 1, 1), [[1] * 10, [10], [10]]),  # a part has up to 100 samples
+        ((4, 10, 5), (1, 1, 1), [[2, 2], [10], [5]]),
+        ((4, 10, 50), (1, 1, 1), [[1] * 4, [2] * 5, [50]]),
+        ((8, 8, 8), (4, 4, 4), [[4, 4], [4, 4], [4, 4]]),
+        ((8, 8, 8), (2, 4, 4), [[2] * 4, [4, 4], [8]]),
+        ((9, 9, 9), (5, 5, 5), [[5, 4], [5, 4], [5, 4]]),
+        ((3, 3), (100, 100), [[3], [3]]),
+        ((0, 3), (2, 2), [[], [3]]),
+    ],
+)  # fmt: skip
+def test_parts_of_a_store_are_whole_chunks(monkeypatch, shape, chunk, expected):
+    monkeypatch.setattr(samples, "_PART_BYTES", 200)
+    assert samples.whole_chunks(shape, chunk, 2) == expected
 
 
 def test_a_chunk_of_dask_is_computed_once(dask_array, monkeypatch, tmp_path):
@@ -245,6 +343,26 @@ def test_uneven_coordinates_are_refused_by_name_or_resampled(programs, xarray):
     assert points[:, 2] == pytest.approx(3.5, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    "dim, coordinates, words",
+    [
+        ("x", [0, 1, np.nan, 3, 4], 'axis "x": its coordinate 2 of 5 is missing'),
+        ("x", [0, 1, 1, 2, 3], 'axis "x" has the coordinate 1 behind 1'),
+        ("x", [7] * 5, 'axis "x" begins and ends at 7'),
+        ("y", [0.0, 1, 2, 3.01], 'axis "y" is not even'),
+        ("x", np.arange(5).astype("datetime64[s]").astype("datetime64[ns]"), r"its axes are .*x \(T, 5\)"),
+        ("time", [3.0, 2.0], 'time axis "time" has 2 at index 1, behind 3'),
+        ("time", np.array(["2000-01-01", "NaT"], "datetime64[ns]"), 'time axis "time" has .* at index 1'),
+    ],
+)  # fmt: skip
+def test_coordinates_that_are_no_positions_are_refused_by_name(programs, xarray, dim, coordinates, words):
+    array = xarray.DataArray(np.zeros((2, 3, 4, 5), np.float32), dims=("time", "z", "y", "x"), name="u")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # xarray casts NaT
+        with pytest.raises(ProgramError, match=words):
+            isoscope.serve(array.assign_coords({dim: coordinates}))
+
+
 def test_dimensions_that_nothing_explains_are_named_and_can_be_told(programs, xarray):
     array = xarray.DataArray(np.zeros((2, 3, 4, 5), np.float32), dims=("run", "z", "y", "x"), name="u")
     with pytest.raises(ProgramError, match="run"):
@@ -263,6 +381,137 @@ def test_variables_of_another_grid_are_told(programs, xarray):
         assert [field.name for field in client.dataset().fields] == ["u", "v"]
     with pytest.warns(UserWarning, match="'w'"):
         isoscope.serve(source[["u", "w"]]).close()
+
+
+def field_and_coordinates():
+    """array[z, y, x] with a hole, and its coordinates: spacing (0.5, 0.25, 2), origin (10, 5, -3)."""
+    z, y, x = np.mgrid[0:12, 0:14, 0:16]
+    values = np.sin(z / 3) + np.cos(y / 4) + np.sin(x / 5) + 3
+    return values, {"x": 10 + 0.5 * np.arange(16), "y": 5 + 0.25 * np.arange(14), "z": 2.0 * np.arange(12) - 3}
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "uint16", "int32", "int64", "float16", "float32", "float64"])
+def test_pictures_of_a_dataarray_are_those_of_its_array(programs, xarray, dtype):
+    values, coordinates = field_and_coordinates()
+    values = (values * 40).astype(dtype)
+    if dtype[0] == "f":
+        values[5, 6, 7] = np.nan
+    array = xarray.DataArray(values, dims=("z", "y", "x"), coords=coordinates)
+    grid = {"spacing": (0.5, 0.25, 2), "origin": (10, 5, -3)}
+    pictures = []
+    for source, how in ((values, grid), (array, {}), (array.chunk({"z": 5, "x": 7}), {})):
+        with isoscope.serve(source, **how) as client:
+            dataset = client.dataset()
+            assert (dataset.spacing, dataset.origin) == ((0.5, 0.25, 2), (10, 5, -3))
+            pictures.append(dataset.render(120, size=64).png)
+    assert len(set(pictures)) == 1
+
+
+def test_a_dataarray_that_is_turned_has_the_same_surface(programs, xarray):
+    values, coordinates = field_and_coordinates()
+    array = xarray.DataArray(values, dims=("z", "y", "x"), coords=coordinates)
+    surfaces = []
+    for source in (array, array.transpose("x", "z", "y"), array.isel(y=slice(None, None, -1), x=slice(None, None, -1))):
+        with isoscope.serve(source) as client:
+            mesh = client.dataset().mesh(3)
+            # Where the surface is, and which side is the larger one.
+            box = [*mesh.points.min(axis=0), *mesh.points.max(axis=0), *mesh.normals.mean(axis=0)]
+            surfaces.append([*box, client.dataset().measure(3)[0].area])
+    assert surfaces[1] == pytest.approx(surfaces[0], rel=1e-2, abs=0.02)
+    assert surfaces[2] == pytest.approx(surfaces[0], rel=1e-2, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "dtype, values", [("int16", [-32767, 32767]), ("uint16", [0, 65535]), ("int32", [-2147483647, 2147483647]),
+                      ("uint32", [0, 4294967295]), ("int8", [-127, 127]), ("uint8", [0, 255]),
+                      ("float32", [0, 9.969209968386869e36]), ("float64", [0, 9.969209968386869e36])],
+)  # fmt: skip
+def test_no_sample_of_a_dataarray_is_taken_for_one_that_nobody_wrote(programs, xarray, dtype, values):
+    """These are the default fill values of netCDF, which are holes in files."""
+    array = np.full((4, 4, 4), 1, dtype)
+    array[1, 1, 1:3] = values
+    with isoscope.serve(xarray.DataArray(array, dims=("z", "y", "x"))) as client:
+        assert client.dataset().range == (array.min(), array.max())
+        assert client.dataset().histogram().nan_count == 0
+    if dtype == "int16":
+        packed = xarray.DataArray(array, dims=("z", "y", "x"), attrs={"_FillValue": np.int16(32767)})
+        with isoscope.serve(packed) as client:
+            assert client.dataset().range == (-32767, 1) and client.dataset().histogram().nan_count == 1
+
+
+@pytest.mark.parametrize("dtype", ["datetime64[ns]", "timedelta64[ns]", "complex64", "U3", "object"])
+def test_samples_of_other_types_are_refused_with_their_type(xarray, tmp_path, dtype):
+    array = np.zeros((3, 3, 3), dtype)
+    shown = array.dtype
+    with pytest.raises(InvalidArgumentError, match="variable 'u' is of .*astype.*drop_vars") as caught:
+        write(xarray.DataArray(array, dims=("z", "y", "x"), name="u"), tmp_path)
+    assert str(shown) in str(caught.value)
+
+
+@pytest.mark.parametrize("dtype", ["datetime64[ns]", "complex64", "U3", "longdouble"])
+def test_arrays_of_other_types_are_refused_with_their_type(programs, dtype):
+    array = np.zeros((3, 3, 3), dtype)
+    for source in (array, {"u": array}):
+        with pytest.raises(InvalidArgumentError, match=f"of {re.escape(array.dtype.name)}: must be one of .*float32.*astype"):
+            isoscope.serve(source)
+
+
+def test_integers_of_64_bits_and_halfs_are_served(programs):
+    array = np.arange(60).reshape(3, 4, 5) - 7
+    with isoscope.serve(array, spacing=(1, 2, 3)) as client:
+        assert client.dataset().range == (-7, 52) and client.dataset().spacing == (1, 2, 3)
+    with isoscope.serve(array.astype(np.float16)) as client:
+        assert client.dataset().range == (-7, 52) and client.dataset().dtype == np.float32
+
+
+def test_parts_of_an_array_that_was_opened_lazily_are_whole_chunks(xarray, tmp_path):
+    from isoscope._serving.xarray_source import _Samples
+
+    needs("zarr")
+    zeros = np.zeros((20, 30, 40), np.int16)
+    xarray.Dataset({"u": (("z", "y", "x"), zeros)}).to_zarr(
+        tmp_path / "u.zarr", encoding={"u": {"chunks": (8, 16, 32)}}
+    )
+    opened = xarray.open_zarr(tmp_path / "u.zarr", chunks=None)
+    assert [sizes[0] for sizes in _Samples(opened.u.variable).chunks] == [20, 30, 40]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(samples, "_PART_BYTES", 8 * 16 * 32 * 2)
+        for array in (opened.u, opened.u.transpose("x", "y", "z")):
+            whole = {dim: sizes[0] for dim, sizes in zip(array.dims, _Samples(array.variable).chunks)}
+            assert whole == {"z": 8, "y": 16, "x": 32}
+        assert _Samples(opened.u.load().variable).compute([(slice(0, 2),) * 3])[0].shape == (2, 2, 2)
+
+
+def test_progress_is_told(programs, xarray, dask_array, capsys, monkeypatch):
+    told = []
+    array = dask_array.zeros((6, 7, 8), chunks=(2, 7, 4), dtype=np.int16)
+    isoscope.serve(array, progress=lambda done, total: told.append((done, total))).close()
+    assert told == [(112 * count, 672) for count in range(1, 7)]
+    for source in ({"p": array, "q": array}, xarray.DataArray(array, dims=("z", "y", "x"))):
+        told.clear()
+        isoscope.serve(source, progress=lambda done, total: told.append((done, total))).close()
+        assert told[-1] == (1344, 1344) and [done for done, _ in told] == sorted(done for done, _ in told)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_line_of_progress_is_shown_and_taken_away(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "_QUIET_SECONDS", 0)
+    monkeypatch.setattr(progress, "_BETWEEN_SECONDS", 0)
+    line = progress.Progress(True, "writing the samples", 4 << 20)
+    line.add(1 << 20)
+    line.add(2 << 20)
+    line.close()
+    line.close()
+    shown = capsys.readouterr().err.split("\r")
+    assert shown[1].startswith("isoscope: writing the samples [#####               ]  25% of 4.0 MiB, about ")
+    assert "75%" in shown[2] and shown[3].strip() == "" and len(shown[3]) >= len(shown[2].rstrip()) and shown[4] == ""
+    # Nobody sees a line in a file, unless it is asked for.
+    unseen = progress.Progress(None, "writing", 100)
+    unseen.add(50)
+    unseen.close()
+    unknown = progress.Progress(True, "fetching")
+    unknown.add(3 << 20)
+    assert capsys.readouterr().err == "\risoscope: fetching: 3.0 MiB"
 
 
 TYPES = ("bool", "uint8", "int8", "uint16", "int16", "uint32", "int32", "int64", "float16", "float32", "float64")

@@ -81,7 +81,7 @@ class Hdf5Source final : public VolumeSource {
       if (y == 0 && rows == dims.y) {
         planes = (end_row - begin_row) / dims.y;
       }
-      ISOSCOPE_RETURN_IF_ERROR(ReadBox(z, planes, y, rows, out));
+      ISOSCOPE_RETURN_IF_ERROR(ReadPlanes(z, planes, y, rows, out));
       out += planes * rows * row_bytes;
       begin_row += planes * rows;
     }
@@ -89,8 +89,8 @@ class Hdf5Source final : public VolumeSource {
   }
 
  private:
-  absl::Status ReadBox(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
-                       char* out) {
+  absl::Status ReadPlanes(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
+                          char* out) {
     std::vector<hsize_t> start = start_;
     std::vector<hsize_t> count(start_.size(), 1);
     start[axes_.z] = static_cast<hsize_t>(z);

@@ -22,6 +22,7 @@ bool IsMghHeader(
 bool IsAfniHeader(absl::string_view head);
 bool IsParHeader(absl::string_view head);
 bool IsBrukerHeader(absl::string_view head);
+bool IsMrtrixHeader(absl::string_view head);
 
 // The header beside a file of samples: "a.hdr" or "a.hdr.gz" for "a.img" and "a.img.gz", "a.HEAD"
 // for "a.BRIK.gz", "a.PAR" for "a.REC", "visu_pars" for "2dseq"; else `path` itself.
@@ -55,6 +56,9 @@ absl::StatusOr<FileLayout> ReadParRecLayout(const std::string& path);
 // Reconstructions of Bruker's ParaVision: visu_pars with 2dseq. Images of several kinds and coils
 // are fields; echoes, cycles and other groups of frames are steps without a time.
 absl::StatusOr<FileLayout> ReadBrukerLayout(const std::string& path);
+// MRtrix: .mif, .mif.gz, and .mih with the files that it names. A fourth axis is steps without a
+// time.
+absl::StatusOr<FileLayout> ReadMrtrixLayout(const std::string& path);
 
 }  // namespace isoscope::source
 

@@ -75,7 +75,7 @@ class NetcdfSource final : public VolumeSource {
       if (y == 0 && rows == dims.y) {
         planes = (end_row - begin_row) / dims.y;
       }
-      ISOSCOPE_RETURN_IF_ERROR(ReadBox(z, planes, y, rows, out));
+      ISOSCOPE_RETURN_IF_ERROR(ReadPart(z, planes, y, rows, out));
       out += planes * rows * info().row_bytes();
       begin_row += planes * rows;
     }
@@ -98,8 +98,8 @@ class NetcdfSource final : public VolumeSource {
     }
   }
 
-  absl::Status ReadBox(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
-                       char* out) {
+  absl::Status ReadPart(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
+                        char* out) {
     const std::array<std::size_t, 3>& space = variable_.roles.space;
     std::vector<std::size_t> start = start_;
     std::vector<std::size_t> count(start_.size(), 1);

@@ -16,6 +16,8 @@
 //
 // libtiff writes its messages to standard error unless it is given functions: the last error goes
 // into the status, warnings (mostly private tags) are dropped.
+//
+// A mounted file (core/io/mounted_file.h) is read through functions that libtiff calls (FarFile).
 
 #include "core/formats/stacks/tiff_file.h"
 
@@ -25,6 +27,7 @@
 #include <cstdio>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -34,6 +37,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 
 namespace isoscope::source {
 namespace {
@@ -58,20 +62,103 @@ __attribute__((format(printf, 2, 0))) void KeepMessage(const char* /*module*/, c
   LastMessage() = text;
 }
 
-void DropMessage(const char* /*module*/, const char* /*format*/, va_list /*arguments*/) {}
+// Warnings of this thread, which are counted and dropped.
+int& WarningCount() {
+  thread_local int count = 0;
+  return count;
+}
+
+void CountWarning(const char* /*module*/, const char* /*format*/, va_list /*arguments*/) {
+  ++WarningCount();
+}
 
 std::string TakeMessage() {
   std::string message = std::exchange(LastMessage(), std::string());
   return message.empty() ? "unknown error" : message;
 }
 
-bool ScalarTypeOf(unsigned bits, unsigned format, volume::ScalarType* type) {
+// Why the last read of a mounted file in this thread failed: libtiff keeps no reason.
+absl::Status& FarError() {
+  thread_local absl::Status error;
+  return error;
+}
+
+// A mounted file with a position, as libtiff wants one.
+struct FarFile {
+  std::unique_ptr<io::RandomAccessFile> file;
+  std::int64_t position = 0;
+};
+
+tmsize_t ReadFar(thandle_t handle, void* out, tmsize_t size) {
+  auto* const far = static_cast<FarFile*>(handle);
+  const std::int64_t left = std::max<std::int64_t>(far->file->size_bytes() - far->position, 0);
+  const std::int64_t take = std::min<std::int64_t>(size, left);
+  const absl::Status status =
+      far->file->ReadAt(far->position, static_cast<std::size_t>(take), static_cast<char*>(out));
+  if (!status.ok()) {
+    FarError() = status;
+    return -1;
+  }
+  far->position += take;
+  return take;
+}
+
+tmsize_t WriteFar(thandle_t /*handle*/, void* /*bytes*/, tmsize_t /*size*/) { return -1; }
+
+toff_t SeekFar(thandle_t handle, toff_t offset, int whence) {
+  auto* const far = static_cast<FarFile*>(handle);
+  const std::int64_t base = whence == SEEK_SET   ? 0
+                            : whence == SEEK_CUR ? far->position
+                                                 : far->file->size_bytes();
+  // Offsets come from the file: any 64 bits. Reading behind the end gives nothing.
+  constexpr std::int64_t kMaxPosition = std::numeric_limits<std::int64_t>::max() / 2;
+  const auto step = static_cast<std::int64_t>(offset);
+  far->position = step > kMaxPosition || step < -kMaxPosition
+                      ? kMaxPosition
+                      : std::max<std::int64_t>(base + step, 0);
+  return static_cast<toff_t>(far->position);
+}
+
+int CloseFar(thandle_t handle) {
+  delete static_cast<FarFile*>(handle);
+  return 0;
+}
+
+toff_t SizeOfFar(thandle_t handle) {
+  return static_cast<toff_t>(static_cast<FarFile*>(handle)->file->size_bytes());
+}
+
+absl::StatusOr<TiffFile> OpenFarTiff(const std::string& path) {
+  auto far = std::make_unique<FarFile>();
+  ISOSCOPE_ASSIGN_OR_RETURN(far->file, io::OpenRandomAccessFile(path));
+  FarError() = absl::OkStatus();
+  TiffFile tiff(TIFFClientOpen(path.c_str(), "rm", far.get(), ReadFar, WriteFar, SeekFar, CloseFar,
+                               SizeOfFar, nullptr, nullptr));
+  if (tiff != nullptr) {
+    static_cast<void>(far.release());  // CloseFar has it
+  }
+  return tiff;
+}
+
+// Sets the type of samples; false if a volume can't have it.
+bool SetSampleType(unsigned bits, unsigned format, PageFormat* page) {
   const bool is_signed = format == SAMPLEFORMAT_INT;
+  const bool is_integer = format == SAMPLEFORMAT_UINT || is_signed;
+  volume::ScalarType* const type = &page->type;
+  if (bits == 1 && format == SAMPLEFORMAT_UINT) {
+    page->is_bits = true;
+    return true;
+  }
+  if ((bits == 64 && is_integer) || (bits == 16 && format == SAMPLEFORMAT_IEEEFP)) {
+    page->wide = bits == 16 ? WideType::kFloat16 : is_signed ? WideType::kInt64 : WideType::kUint64;
+    page->type = CarrierType(*page->wide);
+    return true;
+  }
   if (format == SAMPLEFORMAT_IEEEFP) {
     *type = bits == 32 ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
     return bits == 32 || bits == 64;
   }
-  if (format != SAMPLEFORMAT_UINT && !is_signed) {
+  if (!is_integer) {
     return false;
   }
   switch (bits) {
@@ -120,10 +207,23 @@ absl::Status ColourError(const std::string& path, unsigned samples, std::uint16_
       photometric == PHOTOMETRIC_PALETTE ? ", so that samples are numbers of colours" : "", path));
 }
 
+// The bytes of a row of samples as libtiff decodes it: bits begin at a whole byte.
+std::int64_t RowBytes(const PageFormat& format, std::uint32_t width) {
+  return format.is_bits
+             ? (std::int64_t{width} + 7) / 8
+             : std::int64_t{width} * static_cast<std::int64_t>(volume::SizeOf(format.type));
+}
+
+// Makes bytes of 0 and 1 of a row of bits, the highest of each byte first.
+void SpreadBits(const char* bits, std::uint32_t width, char* out) {
+  for (std::uint32_t x = 0; x < width; ++x) {
+    out[x] = static_cast<char>(static_cast<unsigned char>(bits[x / 8]) >> (7 - x % 8) & 1);
+  }
+}
+
 absl::Status ReadStrips(TIFF* tiff, const PageFormat& format, std::uint16_t plane,
                         const std::string& path, char* out) {
-  const std::int64_t row_bytes =
-      std::int64_t{format.width} * static_cast<std::int64_t>(volume::SizeOf(format.type));
+  const std::int64_t row_bytes = RowBytes(format, format.width);
   if (static_cast<std::int64_t>(TIFFScanlineSize64(tiff)) != row_bytes) {
     return absl::DataLossError(absl::StrFormat("%s: rows of %d bytes, expected %d", path,
                                                TIFFScanlineSize64(tiff), row_bytes));
@@ -131,13 +231,20 @@ absl::Status ReadStrips(TIFF* tiff, const PageFormat& format, std::uint16_t plan
   std::uint32_t strip_rows = 0;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_ROWSPERSTRIP, &strip_rows);
   strip_rows = std::min(std::max(strip_rows, 1U), format.height);
+  std::vector<char> bits(format.is_bits ? static_cast<std::size_t>(strip_rows * row_bytes) : 0);
   for (std::uint32_t y = 0; y < format.height; y += strip_rows) {
-    const std::int64_t bytes = std::min(strip_rows, format.height - y) * row_bytes;
-    if (TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane), out,
+    const std::uint32_t rows = std::min(strip_rows, format.height - y);
+    const std::int64_t bytes = rows * row_bytes;
+    if (TIFFReadEncodedStrip(tiff, TIFFComputeStrip(tiff, y, plane),
+                             format.is_bits ? bits.data() : out,
                              static_cast<tmsize_t>(bytes)) != bytes) {
       return TiffDamage(path);
     }
-    out += bytes;
+    for (std::uint32_t row = 0; format.is_bits && row < rows; ++row) {
+      SpreadBits(bits.data() + row * row_bytes, format.width,
+                 out + std::size_t{row} * format.width);
+    }
+    out += format.is_bits ? std::int64_t{rows} * format.width : bytes;
   }
   return absl::OkStatus();
 }
@@ -150,8 +257,7 @@ absl::Status ReadTiles(TIFF* tiff, const PageFormat& format, std::uint16_t plane
   TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width);
   TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height);
   const auto tile_bytes = static_cast<std::int64_t>(TIFFTileSize64(tiff));
-  const std::int64_t tile_row_bytes =
-      std::int64_t{tile_width} * static_cast<std::int64_t>(sample_size);
+  const std::int64_t tile_row_bytes = RowBytes(format, tile_width);
   if (tile_width == 0 || tile_height == 0 || tile_bytes > kMaxPieceBytes ||
       tile_bytes != tile_row_bytes * tile_height) {
     return absl::DataLossError(absl::StrFormat("%s: tiles of %d x %d samples in %d bytes", path,
@@ -164,10 +270,15 @@ absl::Status ReadTiles(TIFF* tiff, const PageFormat& format, std::uint16_t plane
         return TiffDamage(path);
       }
       const std::uint32_t rows = std::min(tile_height, format.height - y);
-      const std::size_t bytes = std::min(tile_width, format.width - x) * sample_size;
+      const std::uint32_t columns = std::min(tile_width, format.width - x);
       for (std::uint32_t row = 0; row < rows; ++row) {
-        std::memcpy(out + (std::size_t{y + row} * format.width + x) * sample_size,
-                    tile.data() + row * tile_row_bytes, bytes);
+        char* const to = out + (std::size_t{y + row} * format.width + x) * sample_size;
+        const char* const from = tile.data() + row * tile_row_bytes;
+        if (format.is_bits) {
+          SpreadBits(from, columns, to);
+        } else {
+          std::memcpy(to, from, columns * sample_size);
+        }
       }
     }
   }
@@ -247,10 +358,18 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
   ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());  // of a stack of many files
   ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));   // libtiff would wait for a writer
   TIFFSetErrorHandler(KeepMessage);
-  TIFFSetWarningHandler(DropMessage);  // private tags
+  TIFFSetWarningHandler(CountWarning);  // private tags
   TakeMessage();
   // m: no memory map, so that a cut file is an error and not a signal.
-  TiffFile tiff(TIFFOpen(path.c_str(), "rm"));
+  TiffFile tiff;
+  if (io::IsMounted(path)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(tiff, OpenFarTiff(path));
+    if (tiff == nullptr && !FarError().ok()) {
+      return std::exchange(FarError(), absl::OkStatus());
+    }
+  } else {
+    tiff.reset(TIFFOpen(path.c_str(), "rm"));
+  }
   if (tiff == nullptr) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": can't be read as TIFF: ", TakeMessage()));
@@ -259,6 +378,9 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
 }
 
 absl::Status TiffDamage(const std::string& path) {
+  if (!FarError().ok()) {
+    return std::exchange(FarError(), absl::OkStatus());
+  }
   return absl::DataLossError(absl::StrFormat("%s: can't be decoded: %s", path, TakeMessage()));
 }
 
@@ -299,10 +421,10 @@ absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, Tif
   } else if (samples != 1 || !is_grey) {
     return ColourError(path, samples, photometric);
   }
-  if (!ScalarTypeOf(bits, format, &page.type)) {
+  if (!SetSampleType(bits, format, &page)) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: samples of %d bits, format %d; expected integers of 8, 16 or 32 bits or floats of 32 "
-        "or 64 bits",
+        "%s: samples of %d bits, format %d; expected integers of 1, 8, 16, 32 or 64 bits or floats "
+        "of 16, 32 or 64 bits",
         path, bits, format));
   }
   return page;
@@ -315,8 +437,26 @@ absl::Status ReadTiffPlane(TIFF* tiff, const PageFormat& format, std::uint16_t p
   if (compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE) {
     TIFFSetField(tiff, TIFFTAG_DEFLATE_SUBCODEC, DEFLATE_SUBCODEC_ZLIB);
   }
-  return TIFFIsTiled(tiff) != 0 ? ReadTiles(tiff, format, plane, path, out)
-                                : ReadStrips(tiff, format, plane, path, out);
+  const bool is_fax = compression == COMPRESSION_CCITTFAX3 ||
+                      compression == COMPRESSION_CCITTFAX4 || compression == COMPRESSION_CCITTRLE ||
+                      compression == COMPRESSION_CCITTRLEW;
+  TakeMessage();
+  WarningCount() = 0;
+  ISOSCOPE_RETURN_IF_ERROR(TIFFIsTiled(tiff) != 0 ? ReadTiles(tiff, format, plane, path, out)
+                                                  : ReadStrips(tiff, format, plane, path, out));
+  // Rows of a fax that end early are filled up, and reported only.
+  return is_fax && (WarningCount() > 0 || !LastMessage().empty()) ? TiffDamage(path)
+                                                                  : absl::OkStatus();
+}
+
+absl::string_view PageFormat::type_name() const {
+  if (is_bits) {
+    return "bits";
+  }
+  if (!wide.has_value()) {
+    return volume::NameOf(type);
+  }
+  return *wide == WideType::kFloat16 ? "float16" : *wide == WideType::kInt64 ? "int64" : "uint64";
 }
 
 absl::StatusOr<TiffPages> ScanTiffPages(TIFF* tiff, const std::string& path) {

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/source/adapt/wide_source.h"
 #include "core/volume/scalar_type.h"
 #include "tiffio.h"
 
@@ -34,7 +36,9 @@ absl::Status TiffDamage(const std::string& path);
 struct PageFormat {
   std::uint32_t width = 0;
   std::uint32_t height = 0;
-  volume::ScalarType type = volume::ScalarType::kUint8;
+  volume::ScalarType type = volume::ScalarType::kUint8;  // of `wide`, its carrier
+  std::optional<WideType> wide{};                        // integers of 64 bits, floats of 16
+  bool is_bits = false;  // samples of 1 bit, read as bytes of 0 and 1
   // Planes that a page holds one after the other; else each page is one plane.
   std::uint16_t planes = 1;
   std::uint16_t orientation = 1;  // where row 0 and column 0 are, as TIFF numbers it
@@ -42,6 +46,9 @@ struct PageFormat {
   [[nodiscard]] std::int64_t plane_bytes() const {
     return std::int64_t{width} * height * static_cast<std::int64_t>(volume::SizeOf(type));
   }
+  // "uint16", "float16", "bits": what a sample is in the file.
+  [[nodiscard]] absl::string_view type_name() const;
+
   friend bool operator==(const PageFormat&, const PageFormat&) = default;
 };
 
@@ -55,7 +62,8 @@ enum class TiffColours {
 absl::StatusOr<PageFormat> FormatOfPage(TIFF* tiff, const std::string& path, TiffColours colours);
 
 // Reads a plane of the current page as [y][x], x fastest, in the byte order of this machine, into
-// `out`, which holds format.plane_bytes(). DATA_LOSS: damaged.
+// `out`, which holds format.plane_bytes(). DATA_LOSS: damaged; of pages that are compressed as fax,
+// also what libtiff only warns of.
 // REQUIRES: `format` is that of the page.
 absl::Status ReadTiffPlane(TIFF* tiff, const PageFormat& format, std::uint16_t plane,
                            const std::string& path, char* out);

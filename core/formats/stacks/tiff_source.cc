@@ -18,6 +18,7 @@
 #include "core/formats/stacks/tiff_stack.h"
 #include "core/io/file.h"
 #include "core/source/adapt/slice_source.h"
+#include "core/source/adapt/wide_source.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/grid/sample_distance.h"
 #include "core/source/grid/stack_layout.h"
@@ -46,8 +47,8 @@ class TiffReader final : public SliceReader {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: slice %d has %d x %d samples of %s, the first %d x %d of %s: expected slices of one "
           "size and type",
-          path, z, format.width, format.height, volume::NameOf(format.type), expected.width,
-          expected.height, volume::NameOf(expected.type)));
+          path, z, format.width, format.height, format.type_name(), expected.width, expected.height,
+          expected.type_name()));
     }
     return ReadTiffPlane(tiff_.get(), format, static_cast<std::uint16_t>(plane.index % planes),
                          path, out);
@@ -136,8 +137,13 @@ class TiffSeries final : public VolumeSeries {
                                     layout.channels, layout.steps, PagesAdvice(stack_->name))
                   : ""));
     }
-    return MakeSliceSource({.name = name, .geometry = geometry, .type = stack_->format.type},
-                           std::make_unique<TiffReader>(stack_, field, step));
+    std::unique_ptr<VolumeSource> source =
+        MakeSliceSource({.name = name, .geometry = geometry, .type = stack_->format.type},
+                        std::make_unique<TiffReader>(stack_, field, step));
+    if (stack_->format.wide.has_value()) {
+      return MakeWideSource(std::move(source), *stack_->format.wide);
+    }
+    return source;
   }
 
  private:

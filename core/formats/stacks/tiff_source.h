@@ -19,7 +19,7 @@ namespace isoscope::source {
 bool NaturalLess(const std::string& a, const std::string& b);
 
 // Opens one file of several pages, or several files of one page each in the order given. Planes are
-// greyscale integers of 8 to 32 bits or floats of 32 or 64 bits; strips or tiles, any compression
+// greyscale integers of 1 or 8 to 64 bits or floats of 16 to 64 bits; strips or tiles, any compression
 // that libtiff knows, BigTIFF too. libtiff reads them page by page.
 //
 // OME-XML, ImageJ's description or LSM's tag say what the planes are: channels are fields, frames

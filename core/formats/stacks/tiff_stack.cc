@@ -29,6 +29,7 @@
 #include "core/formats/stacks/lsm_stack.h"
 #include "core/formats/stacks/ome_stack.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/stack_names.h"
 
 namespace isoscope::source {
@@ -128,8 +129,8 @@ absl::Status CheckSliceFiles(const std::vector<std::string>& files, const TiffSt
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
           "type",
-          path, other.width, other.height, volume::NameOf(other.type), files[0], format.width,
-          format.height, volume::NameOf(format.type)));
+          path, other.width, other.height, other.type_name(), files[0], format.width, format.height,
+          format.type_name()));
     }
   }
   return absl::OkStatus();
@@ -139,7 +140,7 @@ absl::Status CheckSliceFiles(const std::vector<std::string>& files, const TiffSt
 absl::StatusOr<std::int64_t> CountPlanes(std::int64_t described, TiffStack* stack) {
   const auto planes = static_cast<std::int64_t>(stack->pages.offsets.size()) * stack->format.planes;
   if (described <= planes || stack->pages.offsets.size() > 1 || stack->pages.raw_offset == 0 ||
-      stack->format.planes != 1) {
+      stack->format.planes != 1 || stack->format.is_bits) {
     return planes;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(stack->files.front()));
@@ -161,6 +162,13 @@ absl::Status CheckPlanes(const std::string& path, std::int64_t planes, TiffStack
         stack->scanned_file = static_cast<std::int32_t>(stack->files.size());
       }
       stack->files.push_back(name == own_name ? path : folder + name);
+      if (io::IsMounted(path) && !io::IsMounted(stack->files.back())) {
+        return absl::InvalidArgumentError(
+            absl::StrFormat("%s: is one of a set of files, as %s, which can't be read at an "
+                            "address; bring them all "
+                            "to a folder, each with: isoscope copy ADDRESS DIR",
+                            path, stack->files.back()));
+      }
       if (!io::PathExists(stack->files.back())) {
         return absl::NotFoundError(absl::StrFormat(
             "%s: no such file; %s names it: the files of a set must lie in one folder",

@@ -3,7 +3,7 @@
 //
 //   plain       size, samples
 //   compressed  n, bytes of a block, bytes of the last one (0: as the others), n compressed sizes;
-//               n blocks, each a zlib stream by itself
+//               n blocks, each by itself: a zlib stream, a block of LZ4, or an .xz stream (LZMA)
 //
 // For 80 000 bytes in blocks of 32 768: 3, 32768, 14464, 9011, 8700, 4100, then 21 811 bytes of
 // blocks.
@@ -17,7 +17,11 @@
 
 #include "core/formats/vtk/vti_data.h"
 
+#include <lz4.h>
+#include <lzma.h>
+
 #include <algorithm>
+#include <array>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,6 +42,8 @@ namespace isoscope::source {
 namespace {
 
 constexpr std::int64_t kMaxBlockBytes = 64 * base::kMiB;  // of compressed data, decoded
+// Of the decoder of .xz, whose dictionary has 64 MiB at the highest level.
+constexpr std::int64_t kMaxLzmaBytes = 72 * base::kMiB;
 constexpr std::int64_t kMaxBlocks = std::int64_t{1} << 26;
 constexpr std::size_t kGroupsAtOnce = 4096;  // of base64: 16 KiB of text, 12 KiB of bytes
 
@@ -110,13 +116,71 @@ struct BlockTable {
   std::vector<std::int64_t> offsets;  // of each compressed block, and the end
 };
 
+struct Decoded {
+  std::size_t size = 0;  // bytes that came out
+  int error = 0;         // of the library; 0: none
+};
+
+// Decodes a whole block, which must fill `out`.
+using BlockDecoder = Decoded (*)(const std::vector<char>& in, std::vector<char>* out);
+
+Decoded DecodeZlib(const std::vector<char>& in, std::vector<char>* out) {
+  auto size = static_cast<uLongf>(out->size());
+  const int result =
+      uncompress(reinterpret_cast<Bytef*>(out->data()), &size,
+                 reinterpret_cast<const Bytef*>(in.data()), static_cast<uLong>(in.size()));
+  return {.size = size, .error = result};
+}
+
+Decoded DecodeLz4(const std::vector<char>& in, std::vector<char>* out) {
+  // Blocks have at most 64 MiB.
+  const int size = LZ4_decompress_safe(in.data(), out->data(), static_cast<int>(in.size()),
+                                       static_cast<int>(out->size()));
+  return size < 0 ? Decoded{.size = 0, .error = size}
+                  : Decoded{.size = static_cast<std::size_t>(size), .error = 0};
+}
+
+Decoded DecodeLzma(const std::vector<char>& in, std::vector<char>* out) {
+  std::uint64_t limit = kMaxLzmaBytes;
+  std::size_t read = 0;
+  std::size_t size = 0;
+  const lzma_ret result = lzma_stream_buffer_decode(
+      &limit, 0, nullptr, reinterpret_cast<const std::uint8_t*>(in.data()), &read, in.size(),
+      reinterpret_cast<std::uint8_t*>(out->data()), &size, out->size());
+  return {.size = size, .error = static_cast<int>(result)};
+}
+
+struct Compressor {
+  absl::string_view name;   // in the file
+  absl::string_view label;  // for messages
+  BlockDecoder decode;
+  std::int64_t memory_bytes = 0;  // of the library, beside the block
+};
+
+constexpr std::array<Compressor, 3> kCompressors{
+    {{"vtkZLibDataCompressor", "zlib", DecodeZlib, 0},
+     {"vtkLZ4DataCompressor", "LZ4", DecodeLz4, 0},
+     {"vtkLZMADataCompressor", "LZMA", DecodeLzma, kMaxLzmaBytes}}};
+
+// Null for a name that is none of theirs.
+const Compressor* FindCompressor(absl::string_view name) {
+  const auto* const found =
+      std::find_if(kCompressors.begin(), kCompressors.end(),
+                   [&](const Compressor& compressor) { return compressor.name == name; });
+  return found == kCompressors.end() ? nullptr : found;
+}
+
 class CompressedData final : public VtiData {
  public:
-  CompressedData(std::string path, const EncodedBytes& bytes, BlockTable blocks)
-      : path_(std::move(path)), bytes_(bytes), blocks_(std::move(blocks)) {}
+  CompressedData(std::string path, const EncodedBytes& bytes, BlockTable blocks,
+                 const Compressor& compressor)
+      : path_(std::move(path)),
+        bytes_(bytes),
+        blocks_(std::move(blocks)),
+        compressor_(compressor) {}
 
   [[nodiscard]] std::int64_t memory_bytes() const override {
-    return 32 * base::kKiB + 2 * blocks_.block_bytes +
+    return 32 * base::kKiB + 2 * blocks_.block_bytes + compressor_.memory_bytes +
            static_cast<std::int64_t>(blocks_.offsets.size() * sizeof(std::int64_t));
   }
 
@@ -145,14 +209,12 @@ class CompressedData final : public VtiData {
         std::min(blocks_.block_bytes, blocks_.size - block * blocks_.block_bytes)));
     encoded_.resize(static_cast<std::size_t>(blocks_.offsets[at + 1] - blocks_.offsets[at]));
     ISOSCOPE_RETURN_IF_ERROR(bytes_.ReadAt(blocks_.offsets[at], encoded_.size(), encoded_.data()));
-    auto size = static_cast<uLongf>(decoded_.size());
-    const int result = uncompress(reinterpret_cast<Bytef*>(decoded_.data()), &size,
-                                  reinterpret_cast<const Bytef*>(encoded_.data()),
-                                  static_cast<uLong>(encoded_.size()));
-    if (result != Z_OK || size != decoded_.size()) {
+    const Decoded result = compressor_.decode(encoded_, &decoded_);
+    if (result.error != 0 || result.size != decoded_.size()) {
       return absl::DataLossError(
-          absl::StrFormat("%s: compressed block %d of %d is damaged: %d of %d bytes, zlib error %d",
-                          path_, block, blocks_.offsets.size() - 1, size, decoded_.size(), result));
+          absl::StrFormat("%s: compressed block %d of %d is damaged: %d of %d bytes, %s error %d",
+                          path_, block, blocks_.offsets.size() - 1, result.size, decoded_.size(),
+                          compressor_.label, result.error));
     }
     held_block_ = block;
     return absl::OkStatus();
@@ -161,6 +223,7 @@ class CompressedData final : public VtiData {
   const std::string path_;
   const EncodedBytes bytes_;  // of the blocks
   const BlockTable blocks_;
+  const Compressor& compressor_;
   std::int64_t held_block_ = -1;
   std::vector<char> decoded_;
   std::vector<char> encoded_;
@@ -223,7 +286,7 @@ absl::StatusOr<BlockTable> ReadBlockTable(const SizeReader& reader, std::int64_t
   BlockTable blocks{.block_bytes = block_bytes, .size = size, .offsets = {0}};
   blocks.offsets.reserve(sizes.size() + 1);
   for (const std::int64_t compressed : sizes) {
-    // zlib never makes a block much larger.
+    // No compressor makes a block much larger.
     if (compressed < 1 || compressed > block_bytes + block_bytes / 8 + 1024 ||
         blocks.offsets.back() + compressed > max_bytes) {
       return absl::InvalidArgumentError(absl::StrFormat(
@@ -283,12 +346,13 @@ absl::StatusOr<EncodedBytes> FindBytes(const io::RandomAccessFile& file, const V
 absl::StatusOr<std::unique_ptr<VtiData>> OpenCompressed(const std::string& path,
                                                         const SizeReader& reader,
                                                         const EncodedBytes& bytes,
-                                                        std::int64_t size) {
+                                                        std::int64_t size,
+                                                        const Compressor& compressor) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::int64_t> count, reader.Read(0, 1));
   const std::int64_t size_count = 3 + std::clamp<std::int64_t>(count[0], 0, kMaxBlocks);
   const EncodedBytes blocks = bytes.Behind(reader.BytesOf(size_count));
   ISOSCOPE_ASSIGN_OR_RETURN(BlockTable table, ReadBlockTable(reader, size, blocks.MaxSize()));
-  return std::make_unique<CompressedData>(path, blocks, std::move(table));
+  return std::make_unique<CompressedData>(path, blocks, std::move(table), compressor);
 }
 
 absl::StatusOr<std::unique_ptr<VtiData>> OpenPlain(const VtiHeader& header,
@@ -308,14 +372,17 @@ absl::StatusOr<std::unique_ptr<VtiData>> OpenPlain(const VtiHeader& header,
 absl::StatusOr<std::unique_ptr<VtiData>> Open(const io::RandomAccessFile& file,
                                               const VtiHeader& header, const VtiArray& array,
                                               std::int64_t size) {
-  if (!header.compressor.empty() && header.compressor != "vtkZLibDataCompressor") {
+  const Compressor* const compressor = FindCompressor(header.compressor);
+  if (!header.compressor.empty() && compressor == nullptr) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "compressor \"%s\"; expected vtkZLibDataCompressor, or none", header.compressor));
+        "compressor \"%s\"; expected vtkZLibDataCompressor, vtkLZ4DataCompressor or "
+        "vtkLZMADataCompressor, or none",
+        header.compressor));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const EncodedBytes bytes, FindBytes(file, header, array));
   const SizeReader reader(header, bytes);
   return header.compressor.empty() ? OpenPlain(header, reader, bytes, size)
-                                   : OpenCompressed(file.path(), reader, bytes, size);
+                                   : OpenCompressed(file.path(), reader, bytes, size, *compressor);
 }
 
 }  // namespace

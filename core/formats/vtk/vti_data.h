@@ -1,4 +1,4 @@
-// The bytes of one array of a VTK ImageData file, decoded: base64 and zlib blocks undone.
+// The bytes of one array of a VTK ImageData file, decoded: base64 and blocks of zlib, LZ4 and LZMA undone.
 
 #ifndef ISOSCOPE_CORE_FORMATS_VTK_VTI_DATA_H_
 #define ISOSCOPE_CORE_FORMATS_VTK_VTI_DATA_H_
@@ -22,8 +22,8 @@ class VtiData {
 
   // Bytes [offset, offset + size) of the array, in the byte order of the file. DATA_LOSS: damaged.
   virtual absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) = 0;
-  // Memory while it is read: for compressed data one block as it is and decoded, and 8 bytes a
-  // block.
+  // Memory while it is read: for compressed data one block as it is and decoded, 8 bytes a block,
+  // and for LZMA 72 MiB.
   [[nodiscard]] virtual std::int64_t memory_bytes() const = 0;
 };
 

@@ -206,6 +206,12 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvdStep(const PvdStep& step) {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path,
                                                             const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<PvdStep> steps, ReadPvdSteps(path));
+  return OpenVtkSteps(path, std::move(steps), rules);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtkSteps(const std::string& name,
+                                                           std::vector<PvdStep> steps,
+                                                           const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VtkImage> first,
                             OpenVtkImage(steps.front().file, "", rules));
   std::vector<double> times;
@@ -213,7 +219,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& p
   for (const PvdStep& step : steps) {
     times.push_back(step.time);
   }
-  return std::make_unique<PvdSeries>(InfoOf(path, *first, std::move(times)), rules,
+  return std::make_unique<PvdSeries>(InfoOf(name, *first, std::move(times)), rules,
                                      std::move(steps), *first);
 }
 

@@ -43,6 +43,11 @@ absl::StatusOr<std::vector<std::string>> FilesOfPvdStep(const PvdStep& step);
 // array of that type and as many components, with the file, the step and what differs.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenPvdSeries(const std::string& path,
                                                             const GridRules& rules = {});
+// The same of steps that something else gives (vtk_steps.h). `name` is for messages.
+// REQUIRES: at least one step.
+absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenVtkSteps(const std::string& name,
+                                                           std::vector<PvdStep> steps,
+                                                           const GridRules& rules = {});
 
 }  // namespace isoscope::source
 

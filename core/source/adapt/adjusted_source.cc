@@ -33,6 +33,8 @@ namespace isoscope::source {
 namespace {
 
 constexpr std::int64_t kAdjustedRunBytes = 4 * base::kMiB;
+// Of samples of the volume that a box takes at once, or one plane.
+constexpr std::int64_t kMaxBoxBytes = 16 * base::kMiB;
 
 volume::ScalarType FilledType(volume::ScalarType type, bool has_fill) {
   switch (type) {
@@ -115,11 +117,68 @@ class AdjustedSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    source_->HeedCancellation(cancellation);
+  }
+
+  // A box holds the samples of one box of the volume, or some of them.
+  [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
+    std::optional<BoxGrid> grid = source_->box_grid();
+    for (int axis = 0; grid.has_value() && axis < 3; ++axis) {
+      std::int64_t& size = grid->box_dims[axis];
+      std::int64_t first = grid->origin[axis] - box_.begin[axis];  // of a box, in the volume
+      if (size % stride_ != 0) {
+        first = 0;
+      }
+      size = std::max<std::int64_t>(size / stride_, 1);
+      first = first >= 0 ? (first + stride_ - 1) / stride_ : -(-first / stride_);
+      grid->origin[axis] = first % size - (first % size > 0 ? size : 0);
+    }
+    return grid;
+  }
+
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+    math::IndexBox whole;
+    for (int axis = 0; axis < 3; ++axis) {
+      whole.begin[axis] = box_.begin[axis] + box.begin[axis] * stride_;
+      whole.end[axis] = box_.begin[axis] + (box.end[axis] - 1) * stride_ + 1;
+    }
+    if (stride_ == 1 && info().type == source_->info().type && !fill_.has_value()) {
+      return source_->ReadBox(whole, out);
+    }
+    // As many planes at once as the bound allows, one at least.
+    const math::Index3 dims = box.dims();
+    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(source_->info().type));
+    const std::int64_t row_bytes = whole.dims().x * sample_bytes;
+    const std::int64_t plane_bytes = whole.dims().y * row_bytes;
+    const std::int64_t planes =
+        std::clamp<std::int64_t>((kMaxBoxBytes / plane_bytes - 1) / stride_ + 1, 1, dims.z);
+    std::vector<char> run;
+    for (std::int64_t z = 0; z < dims.z; z += planes) {
+      math::IndexBox part = whole;
+      const std::int64_t count = std::min(planes, dims.z - z);
+      part.begin.z = whole.begin.z + z * stride_;
+      part.end.z = part.begin.z + (count - 1) * stride_ + 1;
+      run.resize(static_cast<std::size_t>(part.dims().z * plane_bytes));
+      ISOSCOPE_RETURN_IF_ERROR(source_->ReadBox(part, run.data()));
+      for (std::int64_t row = 0; row < count * dims.y; ++row) {
+        TakePart(
+            run.data() + row / dims.y * stride_ * plane_bytes + row % dims.y * stride_ * row_bytes,
+            dims.x, out);
+        out += dims.x * static_cast<std::int64_t>(volume::SizeOf(info().type));
+      }
+    }
+    return absl::OkStatus();
+  }
+
  private:
   void TakeRow(const char* row, char* out) const {
+    TakePart(row + box_.begin.x * static_cast<std::int64_t>(volume::SizeOf(source_->info().type)),
+             info().geometry.sample_dims.x, out);
+  }
+  // Takes `count` samples of a row, from `first` on.
+  void TakePart(const char* first, std::int64_t count, char* out) const {
     volume::VisitScalarType(source_->info().type, [&]<typename In>() {
-      const char* first = row + box_.begin.x * static_cast<std::int64_t>(sizeof(In));
-      const std::int64_t count = info().geometry.sample_dims.x;
       if (info().type == source_->info().type) {
         TakeSamples<In, In>(first, count, stride_, fill_, out);
       } else if (info().type == volume::ScalarType::kFloat32) {
@@ -233,6 +292,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> AdjustSource(std::unique_ptr<Volum
   const std::optional<double> fill = info.is_resampled ? std::nullopt : adjustment.fill;
   info.type = FilledType(info.type, fill.has_value());
   info.memory_bytes += RunRows(source->info()) * source->info().row_bytes();
+  info.planes_at_once = 1;  // planes are read one by one
   return std::make_unique<AdjustedSource>(std::move(info), std::move(source), box,
                                           adjustment.stride, fill);
 }

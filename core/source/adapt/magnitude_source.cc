@@ -58,12 +58,19 @@ class MagnitudeSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    for (const auto& component : components_) {
+      component->HeedCancellation(cancellation);
+    }
+  }
+
  private:
   static SourceInfo InfoOf(const std::vector<std::unique_ptr<VolumeSource>>& components) {
     SourceInfo info = components.front()->info();
     std::vector<volume::ScalarType> types;
     info.is_seekable = true;
     info.memory_bytes = 0;
+    info.planes_at_once = 1;  // rows are read portion by portion
     for (const auto& component : components) {
       ISOSCOPE_CHECK(component->info().geometry == info.geometry);
       types.push_back(component->info().type);

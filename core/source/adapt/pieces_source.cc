@@ -80,6 +80,13 @@ class PiecesSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    cancellation_ = cancellation;
+    for (Opened& opened : opened_) {
+      opened.source->HeedCancellation(cancellation);
+    }
+  }
+
  private:
   struct Opened {
     std::size_t piece;
@@ -135,6 +142,7 @@ class PiecesSource final : public VolumeSource {
       opened_.pop_back();
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source, open_(piece));
+    source->HeedCancellation(cancellation_);
     opened_.push_front({.piece = piece, .source = std::move(source)});
     return opened_.front().source.get();
   }
@@ -142,7 +150,8 @@ class PiecesSource final : public VolumeSource {
   const std::vector<SamplePiece> pieces_;
   const OpenPiece open_;
   std::list<Opened> opened_;  // the last used first
-  std::vector<char> rows_;    // of one piece
+  const base::Cancellation* cancellation_ = nullptr;
+  std::vector<char> rows_;  // of one piece
 };
 
 }  // namespace

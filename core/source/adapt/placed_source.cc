@@ -33,6 +33,17 @@ class PlacedSource final : public VolumeSource {
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     return source_->ReadRows(begin_row, end_row, out);
   }
+  absl::Status ReadBand(std::int64_t begin_z, std::int64_t end_z, std::int64_t begin_y,
+                        std::int64_t end_y, char* out) override {
+    return source_->ReadBand(begin_z, end_z, begin_y, end_y, out);
+  }
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    source_->HeedCancellation(cancellation);
+  }
+  [[nodiscard]] std::optional<BoxGrid> box_grid() const override { return source_->box_grid(); }
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+    return source_->ReadBox(box, out);
+  }
 
  private:
   const std::unique_ptr<VolumeSource> source_;

@@ -117,6 +117,10 @@ class ResampledSource final : public VolumeSource {
     return absl::OkStatus();
   }
 
+  void HeedCancellation(const base::Cancellation* cancellation) override {
+    source_->HeedCancellation(cancellation);
+  }
+
  private:
   struct Plane {
     std::int64_t z = -1;
@@ -277,6 +281,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> ResampleSource(std::unique_ptr<Vol
   info.type = ResampledType(info.type);
   info.is_resampled = true;
   info.memory_bytes += 2 * PlaneBytes(source->info());
+  info.planes_at_once = 1;
   return std::make_unique<ResampledSource>(std::move(info), std::move(source), std::move(places),
                                            fill);
 }

@@ -108,6 +108,7 @@ absl::StatusOr<ValueRange> FindValueRange(
   const auto row_bytes = source->info().row_bytes();
   const std::int64_t portion_rows =
       std::clamp<std::int64_t>(kPortionBytes / row_bytes, 1, row_count);
+  const CancellableReads reads(source, cancellation);
   const auto portion =
       std::make_unique_for_overwrite<char[]>(static_cast<std::size_t>(portion_rows * row_bytes));
   return volume::VisitScalarType(

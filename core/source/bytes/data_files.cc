@@ -25,6 +25,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 
 namespace isoscope::source {
 namespace {
@@ -41,6 +42,13 @@ std::string BesideHeader(const std::string& header_path, absl::string_view name)
 }
 
 absl::Status CheckExist(const std::string& header_path, const std::vector<std::string>& files) {
+  // What an address sends names no file of this machine, and no other address.
+  if (io::IsMounted(header_path) && files != std::vector<std::string>{header_path}) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        header_path, ": its samples are in ", files.size() == 1 ? "another file" : "other files",
+        ", which can't be read at an address; bring them all to a folder, each with: "
+        "isoscope copy ADDRESS DIR"));
+  }
   for (const std::string& file : files) {
     if (!io::PathExists(file)) {
       return absl::NotFoundError(

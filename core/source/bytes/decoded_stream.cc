@@ -293,6 +293,7 @@ std::unique_ptr<DecodedStream> MakeDecodedStream(SampleEncoding encoding, volume
                                                  std::int64_t offset) {
   switch (encoding) {
     case SampleEncoding::kRaw:
+    case SampleEncoding::kZip:
     case SampleEncoding::kDeflate:
       break;
     case SampleEncoding::kBzip2:
@@ -309,6 +310,7 @@ std::int64_t DecodedStreamBytes(SampleEncoding encoding) {
     case SampleEncoding::kRaw:
       return 0;
     case SampleEncoding::kDeflate:
+    case SampleEncoding::kZip:
       return 512 * base::kKiB;
     case SampleEncoding::kBzip2:
       return 4 * base::kMiB;  // 3700 kB of the library, by its manual

@@ -21,6 +21,7 @@ enum class SampleEncoding {
   kBzip2,    // a bzip2 stream, or several
   kText,     // decimal numbers, apart by white space or commas
   kHex,      // bytes as two hexadecimal digits each, with white space anywhere
+  kZip,      // a member of a ZIP archive (zip_file.h)
 };
 
 // Thread-compatible.
@@ -43,7 +44,7 @@ class DecodedStream {
   absl::StatusOr<std::int64_t> Skip(std::int64_t size);
 };
 
-// The stream of that encoding, not kRaw, which starts at `offset` of `file`. Text becomes samples
+// The stream of that encoding, neither kRaw nor kZip, which starts at `offset` of `file`. Text becomes samples
 // of `type`, little-endian, and is read in whole samples. DATA_LOSS of Read also: a number that the
 // type does not have, or a text that is none. `file` must outlive the stream.
 std::unique_ptr<DecodedStream> MakeDecodedStream(SampleEncoding encoding, volume::ScalarType type,

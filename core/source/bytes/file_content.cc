@@ -10,12 +10,12 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/source/bytes/file_start.h"
+#include "core/source/bytes/zip_file.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr char kUnpack[] = "unpack it, and give what is in it";
-constexpr char kImage[] = "save it as NRRD, MetaImage or .vti";
 constexpr char kVideo[] = "save its frames as slices, as PNG or TIFF";
 
 // Keeps the zeros in a literal.
@@ -40,12 +40,13 @@ const std::vector<Mark>& Marks() {
        "fetch it with git annex get"},
       {Bytes("\x0e\x03\x13\x01"), "HDF4",
        "convert it to HDF5 (h4toh5 of the HDF Group) or to netCDF"},
-      {Bytes("\x93NUMPY"), "a NumPy array", "in Python, isoscope.serve(numpy.load(FILE)) takes it"},
       {"MATLAB 5.0 MAT-file", "a MAT-file of version 5 to 7",
        "save it with MATLAB's -v7.3, which is HDF5"},
-      {"SIMPLE  =", "FITS", kServeAdvice},
-      {"# AmiraMesh", "Amira's own format", kImage},
-      {"# Avizo", "Amira's own format", kImage},
+      {"# AmiraMesh", "Amira's own format", kAmiraAdvice},
+      {"# HyperMesh", "Amira's own format", kAmiraAdvice},
+      {"# Avizo", "Amira's own format", kAmiraAdvice},
+      {"object 1 class gridpositions", "OpenDX", kOpenDxAdvice},
+      {"\xc3\x40\xf1", "SEG-Y", kSegyAdvice},  // "C 1" in EBCDIC
       {"GRIB", "GRIB", "convert it to netCDF, as cdo -f nc copy IN OUT does"},
       {"LASF", "a cloud of points (LAS)", "grid it first"},
       {"solid ", "STL", kMeshAdvice},
@@ -96,8 +97,7 @@ std::optional<std::string> DescribeXml(absl::string_view head) {
     return RefusedSentence("a VTK grid that is not regular, or a mesh", kResampleAdvice);
   }
   if (absl::StrContains(head, "<Xdmf")) {
-    return RefusedSentence("XDMF",
-                           "give the HDF5 file that it names, with the dataset: FILE.h5:/name");
+    return RefusedSentence("XDMF", kXdmfAdvice);
   }
   if (absl::StrContains(head, "<GIFTI")) {
     return RefusedSentence("a surface of the brain (GIFTI)", kMeshAdvice);
@@ -130,6 +130,9 @@ std::optional<std::string> DescribeHead(absl::string_view head) {
   if (absl::StartsWith(text, "<?xml") || absl::StartsWith(text, "<VTKFile") ||
       absl::StartsWith(text, "<Xdmf") || absl::StartsWith(text, "<Error")) {
     return DescribeXml(text);
+  }
+  if (absl::EndsWith(FirstZipName(head), ".npy")) {
+    return std::nullopt;  // arrays of NumPy
   }
   for (const Mark& mark : Marks()) {
     if (head.size() >= mark.offset && absl::StartsWith(head.substr(mark.offset), mark.bytes)) {

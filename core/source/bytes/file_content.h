@@ -21,6 +21,17 @@ inline constexpr char kMeshAdvice[] =
     "a mesh, not a volume: isoscope makes meshes (isoscope export) and reads what they are made of";
 inline constexpr char kResampleAdvice[] =
     "resample it, as ParaView's filter \"Resample To Image\" does, and save it as .vti";
+inline constexpr char kXdmfAdvice[] =
+    "give the HDF5 file that it names, with the dataset: FILE.h5:/name; or pvpython -c \"from "
+    "paraview.simple import *; SaveData('OUT.vti', OpenDataFile('IN'))\"";
+inline constexpr char kAmiraAdvice[] =
+    "bfconvert IN OUT.ome.tif, of Bio-Formats; or save it as NRRD, MetaImage or .vti";
+inline constexpr char kGatanAdvice[] =
+    "dm2mrc IN OUT.mrc, of IMOD; or save it as TIFF, as Fiji does";
+inline constexpr char kOpenDxAdvice[] =
+    "chimerax --nogui --cmd 'open IN; save OUT.mrc; exit', of ChimeraX";
+inline constexpr char kSegyAdvice[] =
+    "python3 -c \"import numpy, segyio; numpy.save('OUT.npy', segyio.tools.cube('IN'))\"";
 inline constexpr char kServeAdvice[] = "in Python, isoscope.serve(array) takes its array";
 
 // "NAME, which is not read: ADVICE".

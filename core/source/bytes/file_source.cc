@@ -6,6 +6,9 @@
 // 3. With a slope or an intercept, samples are widened: the stored ones are read into the tail of
 //    the output, and rescaled from front to back (rescale.h).
 //
+// A box is read row by row by a reader of its own. Where the rows of a plane lie close together,
+// they are read at once, with what lies between them.
+//
 // An encoded file can only be read forwards. Reading before its position starts it over, so such
 // a source is not seekable. CheckFiles compares sizes at the start, where files show them.
 
@@ -26,15 +29,22 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/adapt/rescale.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/decoded_stream.h"
+#include "core/source/bytes/zip_file.h"
 
 namespace isoscope::source {
 namespace {
 
 // The tuples read at once to pick one component; more only if a single tuple is larger.
 constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
+
+// The boxes of a file without chunks: rows so long that a read pays, and few samples around a block.
+constexpr math::Index3 kBoxDims{128, 32, 32};
+// Rows of a plane are read at once if that reads at most this many times their bytes.
+constexpr std::int64_t kMaxRowOverhead = 4;
 
 // The bytes that may stand before samples at the end of an encoded file, which are decoded to find
 // out.
@@ -53,6 +63,10 @@ class StoredBytes {
         bytes_per_file_(size / static_cast<std::int64_t>(location_.files.size())) {}
 
   [[nodiscard]] const SampleLocation& location() const { return location_; }
+  // Returns a reader of the same bytes that has no file open.
+  [[nodiscard]] StoredBytes Again() const {
+    return {location_, bytes_per_file_ * static_cast<std::int64_t>(location_.files.size())};
+  }
 
   // INVALID_ARGUMENT if an uncompressed file is too short.
   absl::Status CheckFiles(const volume::GridGeometry& geometry);
@@ -94,8 +108,10 @@ class StoredBytes {
   // Decodes `size` bytes from `begin` of the open file's samples.
   absl::Status Decode(std::int64_t begin, std::size_t size, char* out) {
     if (stream_ == nullptr) {
-      stream_ = MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
-                                  location_.offset);
+      stream_ = location_.encoding == SampleEncoding::kZip
+                    ? MakeZipStream(location_.member, file_.get())
+                    : MakeDecodedStream(location_.encoding, location_.stored_type, file_.get(),
+                                        location_.offset);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t skip, DecodedSkip());
     const std::int64_t position = skip + begin;
@@ -209,14 +225,54 @@ class FileSource final : public VolumeSource {
     const math::Index3& dims = info().geometry.sample_dims;
     const std::int64_t row_count = dims.y * dims.z;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
+    return ReadSamples(begin_row * dims.x, static_cast<std::size_t>((end_row - begin_row) * dims.x),
+                       &stored_, &tuples_, out);
+  }
+
+  [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
+    return location().is_encoded() ? std::nullopt : std::optional<BoxGrid>({.box_dims = kBoxDims});
+  }
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+    const math::Index3& whole = info().geometry.sample_dims;
+    const math::Index3 dims = box.dims();
+    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(info().type));
+    const std::int64_t row_bytes = dims.x * sample_bytes;
+    StoredBytes stored = stored_.Again();
+    std::vector<char> tuples;
+    std::vector<char> rows;
+    const bool is_dense = whole.x <= kMaxRowOverhead * dims.x;
+    for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+      if (is_dense) {
+        rows.resize(static_cast<std::size_t>(((dims.y - 1) * whole.x + dims.x) * sample_bytes));
+        ISOSCOPE_RETURN_IF_ERROR(ReadSamples((z * whole.y + box.begin.y) * whole.x + box.begin.x,
+                                             rows.size() / static_cast<std::size_t>(sample_bytes),
+                                             &stored, &tuples, rows.data()));
+      }
+      for (std::int64_t y = 0; y < dims.y; ++y) {
+        if (is_dense) {
+          std::copy_n(rows.data() + y * whole.x * sample_bytes, row_bytes, out);
+        } else {
+          ISOSCOPE_RETURN_IF_ERROR(
+              ReadSamples((z * whole.y + box.begin.y + y) * whole.x + box.begin.x,
+                          static_cast<std::size_t>(dims.x), &stored, &tuples, out));
+        }
+        out += row_bytes;
+      }
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  // Reads samples of the volume, from number `first` on. tuples: a buffer
+  absl::Status ReadSamples(std::int64_t first, std::size_t count, StoredBytes* from,
+                           std::vector<char>* tuples, char* out) const {
     const std::size_t stored_size = volume::SizeOf(location().stored_type);
-    const auto count = static_cast<std::size_t>((end_row - begin_row) * dims.x);
     const std::int64_t begin =
-        location().volume * math::Volume(dims) + begin_row * dims.x;  // of tuples
+        location().volume * math::Volume(info().geometry.sample_dims) + first;  // of tuples
     char* stored = out + count * (volume::SizeOf(info().type) - stored_size);
     ISOSCOPE_RETURN_IF_ERROR(location().components == 1
-                                 ? stored_.Read(begin * tuple_bytes(), count * stored_size, stored)
-                                 : ReadComponent(begin, count, stored));
+                                 ? from->Read(begin * tuple_bytes(), count * stored_size, stored)
+                                 : ReadComponent(begin, count, from, tuples, stored));
     if (location().is_big_endian) {
       SwapBytes(stored_size, count, stored);
     }
@@ -225,8 +281,6 @@ class FileSource final : public VolumeSource {
     }
     return absl::OkStatus();
   }
-
- private:
   [[nodiscard]] const SampleLocation& location() const { return stored_.location(); }
   static std::int64_t TupleBytes(const SampleLocation& location) {
     return location.components * static_cast<std::int64_t>(volume::SizeOf(location.stored_type));
@@ -238,16 +292,17 @@ class FileSource final : public VolumeSource {
   [[nodiscard]] std::int64_t tuple_bytes() const { return TupleBytes(location()); }
 
   // The component of `count` tuples from `begin` on, as it is stored.
-  absl::Status ReadComponent(std::int64_t begin, std::size_t count, char* out) {
+  absl::Status ReadComponent(std::int64_t begin, std::size_t count, StoredBytes* stored,
+                             std::vector<char>* buffer, char* out) const {
     const std::size_t size = volume::SizeOf(location().stored_type);
     const auto step = static_cast<std::size_t>(tuple_bytes());
     const auto at_once =
         static_cast<std::size_t>(std::max<std::int64_t>(kStoredTupleBytes / tuple_bytes(), 1));
     while (count > 0) {
       const std::size_t tuples = std::min(count, at_once);
-      tuples_.resize(tuples * step);
-      ISOSCOPE_RETURN_IF_ERROR(stored_.Read(begin * tuple_bytes(), tuples_.size(), tuples_.data()));
-      const char* from = tuples_.data() + static_cast<std::size_t>(location().component) * size;
+      buffer->resize(tuples * step);
+      ISOSCOPE_RETURN_IF_ERROR(stored->Read(begin * tuple_bytes(), buffer->size(), buffer->data()));
+      const char* from = buffer->data() + static_cast<std::size_t>(location().component) * size;
       for (std::size_t i = 0; i < tuples; ++i) {
         out = std::copy_n(from + i * step, size, out);
       }
@@ -284,6 +339,13 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d samples in %d files; expected as many in each", name, stored_count,
                         location.files.size()));
+  }
+  if (location.is_encoded() && io::IsMounted(location.files.front())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name,
+                     ": samples that are compressed as a whole, or text, at an address need the "
+                     "whole file; bring it with: isoscope copy ",
+                     location.files.front()));
   }
   StoredBytes stored(location, stored_count * stored_size);
   ISOSCOPE_RETURN_IF_ERROR(stored.CheckFiles(geometry));

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/source/bytes/decoded_stream.h"
+#include "core/source/bytes/zip_file.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -25,6 +26,7 @@ struct SampleLocation {
   bool at_file_end = false;
   SampleEncoding encoding = SampleEncoding::kRaw;
   std::int64_t decoded_skip = 0;  // decoded bytes before the samples, if encoded
+  ZipMember member{};             // of kZip; `offset` is ignored then
 
   bool is_big_endian = false;
   volume::ScalarType stored_type = volume::ScalarType::kUint8;

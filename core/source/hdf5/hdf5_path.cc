@@ -1,5 +1,6 @@
 #include "core/source/hdf5/hdf5_path.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -8,6 +9,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/bytes/part_path.h"
 
 namespace isoscope::source {
@@ -39,7 +41,11 @@ bool IsHdf5File(const std::string& path) {
     return false;
   }
   std::array<char, kSignature.size()> bytes{};
-  const auto end = (*file)->size_bytes() - static_cast<std::int64_t>(bytes.size());
+  // At an address each look costs a round trip: only the first ones, which are read at once.
+  constexpr std::int64_t kMaxFarUserBlock = std::int64_t{1} << 15;
+  const std::int64_t size = io::IsMounted(path) ? std::min((*file)->size_bytes(), kMaxFarUserBlock)
+                                                : (*file)->size_bytes();
+  const std::int64_t end = size - static_cast<std::int64_t>(bytes.size());
   for (std::int64_t offset = 0; offset <= end;
        offset = offset == 0 ? kFirstUserBlock : 2 * offset) {
     if (!(*file)->ReadAt(offset, bytes.size(), bytes.data()).ok()) {

@@ -27,6 +27,7 @@ from isoscope.labels import *
 from isoscope.local import serve
 from isoscope.look import *
 from isoscope.viewer import View
+from isoscope import _accessor
 
 __all__ = [
     "DEFAULT_PORT", "DEFAULT_TIMEOUT", "VIEWS", "Camera", "Client", "Dataset", "Frame", "View", "__version__", "aio",
@@ -36,3 +37,5 @@ __all__ += data.__all__
 __all__ += errors.__all__
 __all__ += labels.__all__
 __all__ += look.__all__
+
+_accessor.install()  # array.isoscope of xarray, once that is imported

@@ -20,6 +20,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 import numpy.typing as npt
 
+from isoscope._serving.progress import Progress
 from isoscope._serving.samples import AnyArray, as_array, write_samples
 from isoscope.errors import InvalidArgumentError
 
@@ -151,12 +152,15 @@ def write(
     *,
     spacing: Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
+    progress: Progress | None = None,
 ) -> pathlib.Path:
     """Writes the files into a folder that is there; returns the one that names all of it."""
+    if progress is not None:
+        progress.total = sum(one.samples.nbytes for one in series.fields)
     paths = []
     for step in range(len(series.fields[0].samples)):
         path = folder / f"step-{step:05d}.vti"
-        _write_step(series, step, path, _numbers(spacing, "spacing", 1), _numbers(origin, "origin", 0))
+        _write_step(series, step, path, _numbers(spacing, "spacing", 1), _numbers(origin, "origin", 0), progress)
         paths.append(path)
     if series.times is None:
         return paths[0]
@@ -186,7 +190,9 @@ def _attribute(name: str, value: str | None) -> str:
     return f" {name}={quoteattr(value)}" if value else ""
 
 
-def _write_step(series: Series, step: int, path: pathlib.Path, spacing: str, origin: str) -> None:
+def _write_step(
+    series: Series, step: int, path: pathlib.Path, spacing: str, origin: str, progress: Progress | None
+) -> None:
     extent = " ".join(f"0 {side - 1}" for side in series.dims)
     arrays, offset = "", 0
     parts = [one.samples[step] for one in series.fields]
@@ -207,9 +213,9 @@ def _write_step(series: Series, step: int, path: pathlib.Path, spacing: str, ori
         f'    <Piece Extent="{extent}">\n      <PointData>\n{arrays}      </PointData>\n    </Piece>\n  </ImageData>\n'
         '  <AppendedData encoding="raw">\n   _'
     )
-    with open(path, "wb") as file:
+    with open(path, "w+b") as file:
         file.write(header.encode("utf-8"))
         for samples in parts:
             file.write(struct.pack("<Q", samples.nbytes))
-            write_samples(file, samples, samples.dtype.newbyteorder("<"))
+            write_samples(file, samples, samples.dtype.newbyteorder("<"), progress)
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")

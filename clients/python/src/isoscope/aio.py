@@ -117,9 +117,12 @@ class Client(Connection):
                 delay = self._delay_after(error, call, retries)
             except grpc.aio.UsageError as error:
                 raise self._closed() from error
-            except BaseException:
+            except BaseException as error:
                 if answer is not None:
                     answer.cancel()
+                # What grpcio says if a cancellation comes with the end of the answer.
+                if isinstance(error, UnboundLocalError) and "raw_response" in str(error):
+                    raise asyncio.CancelledError from error
                 raise
             await asyncio.sleep(delay)
 

@@ -11,11 +11,12 @@ Names are those of the protos and of `--json`. Values are immutable, and numbers
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from isoscope import _xarray
 from isoscope._dataset_info import DatasetInfo, DatasetLevel, Field, FieldComponent, TimeStep
 from isoscope._mesh import Mesh
 from isoscope._statistics import AgentStatistics, Statistics, SurfaceStatistics
@@ -149,6 +150,18 @@ class Histogram:
     def centers(self) -> npt.NDArray[np.float64]:
         """Middle of each bin, field units, shape (bins,)."""
         return (self.edges[:-1] + self.edges[1:]) / 2
+
+    def to_xarray(self) -> Any:
+        """Returns an xarray.Dataset of the counts by `value`, the middle of each bin.
+
+        Raises:
+            MissingPackageError: xarray is not installed.
+        """
+        names = ["active_block_count", "active_block_bytes", "estimated_triangle_count"]
+        names = ["sample_count", *names] if self.has_sample_counts else names
+        what = {"field": self.field, "component": self.component, "step": self.step}
+        attributes = {name: value for name, value in what.items() if value is not None}
+        return _xarray.histogram(self.centers, {name: getattr(self, name) for name in names}, attributes)
 
     def __len__(self) -> int:
         return len(self.sample_count)

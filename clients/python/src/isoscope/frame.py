@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Union
 import numpy as np
 import numpy.typing as npt
 
-from isoscope import _png
+from isoscope import _png, _xarray
 from isoscope.camera import Camera
 from isoscope.data import CapsColoring, DrawnLevel, PickedPoint, Statistics, SurfaceColoring, SurfaceNote
 from isoscope.errors import IsoscopeError
@@ -174,6 +174,26 @@ class Frame:
                 "async client"
             )
         return self._calls.point(self._request, (x, y), all_fields)
+
+    def to_xarray(self, *planes: PlaneName) -> Any:
+        """Returns an xarray.Dataset: `depth`, and other planes, by row and column of the viewport.
+
+        Its coordinates x, y and z are the world position of each pixel (`points`). `depth` and they are NaN where the
+        background shows. `frame.to_xarray().depth.plot(yincrease=False)` shows it as the picture is.
+
+        Args:
+            planes: names of further planes; default: those that the frame has.
+
+        Raises:
+            MissingPackageError: xarray is not installed.
+        """
+        names = ["depth", *(planes or self._planes)]
+        # `depth` may be fetched first: a frame that lacks it says so.
+        arrays = {name: self._plane(name) for name in dict.fromkeys(names)}
+        arrays["depth"] = np.where(np.isfinite(arrays["depth"]), arrays["depth"], np.float32(np.nan))
+        what = {"field": self.field, "component": self.component, "step": self.step, "time": self.time}
+        attributes = {name: value for name, value in what.items() if value is not None}
+        return _xarray.planes(arrays, self.points, (self._request.region.y, self._request.region.x), attributes)
 
     def save(self, path: str | os.PathLike[str]) -> pathlib.Path:
         """Writes the exact bytes: .png, .jpg or .jpeg (if rendered as JPEG), or .npy (the RGBA array)."""

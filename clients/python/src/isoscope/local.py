@@ -12,6 +12,7 @@ from __future__ import annotations
 import atexit
 import hashlib
 import json
+import math
 import os
 import pathlib
 import secrets
@@ -20,7 +21,7 @@ import subprocess
 import tempfile
 import warnings
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Union
 
@@ -29,10 +30,11 @@ import numpy.typing as npt
 
 from isoscope import _series_files
 from isoscope._channel import DEFAULT_TIMEOUT
-from isoscope._serving import xarray_source
+from isoscope._serving import stores, xarray_source
 from isoscope._serving.gateway import LocalGateway
+from isoscope._serving.progress import Progress
 from isoscope._serving.programs import KeptProgram, find_program, last_line
-from isoscope._serving.samples import AnyArray, as_array, is_dask, write_samples
+from isoscope._serving.samples import as_array, is_dask, write_samples
 from isoscope.client import Client, connect
 from isoscope.errors import InvalidArgumentError, ProgramError
 
@@ -40,9 +42,12 @@ __all__ = ["find_program", "serve"]
 
 _NUMPY_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 _TAKEN = (
-    "serve takes a path (str or os.PathLike), a numpy or dask array, a dict of such arrays by name, or an xarray "
-    "DataArray or Dataset"
+    "serve takes a path (str or os.PathLike), an address, a numpy or dask array, a dict of such arrays by name, an "
+    "xarray DataArray or Dataset, an array or group of zarr, or a mapper or file of fsspec"
 )
+# Types that are converted, as each of their values is one of the other type.
+_EXACT = {"bool": "uint8", "float16": "float32"}
+_ADDRESSES_OF_PROGRAM = ("https://", "http://", "s3://")
 
 
 def serve(
@@ -67,6 +72,7 @@ def serve(
     threads: int | None = None,
     memory_limit: str | None = None,
     timeout: float = DEFAULT_TIMEOUT,
+    progress: bool | Callable[[int, int], None] | None = None,
 ) -> Client:
     """Serves a volume from this machine and returns a connected client; closing it ends the programs.
 
@@ -81,13 +87,17 @@ def serve(
         client = isoscope.serve("slices/", spacing=(1, 1, 4))      # in place of what the files say
         client = isoscope.serve({"p": pressure, "v": velocity}, times=times, vectors=["v"])
         client = isoscope.serve(xarray.open_dataset("ocean.nc"))   # by its coordinates and units
+        client = isoscope.serve(zarr.open("scan.zarr"))            # of any store; likewise fsspec.get_mapper(...)
+        client = isoscope.serve("s3://bucket/scan.zarr")           # an address
 
     Args:
         source: a dataset folder; or a volume that `isoscope partition` takes, a file, a folder or a pattern:
             `isoscope info --list-formats` lists its formats; or an array of numpy or dask of shape (nz, ny, nx), or
             (nt, nz, ny, nx) with steps; or a dict of such arrays: fields by name; or an xarray DataArray or Dataset,
             which is read as its netCDF file would be: by its coordinates and the attributes `axis`, `units`,
-            `standard_name` and `positive` of CF. Coordinates that are not even are refused by name.
+            `standard_name` and `positive` of CF. Coordinates that are not even are refused by name. Or an array or group
+            of zarr, a mapper or an open file of fsspec, or an address ("s3://...", "https://...", and what fsspec
+            knows): the program reads it where it is, or what it needs of it is copied for this client.
         name: name of the dataset: a dataset folder of that name is made for this client alone.
         folder: folder to keep the dataset in, which must not exist yet. Without name and folder, a volume file is
             partitioned into the cache that the programs share (`isoscope cache list`), unless it is there already; then
@@ -110,9 +120,14 @@ def serve(
         threads: threads of all agents together; default: one for each core.
         memory_limit: of all agents together, as in "2G"; default: a quarter of the machine's.
         timeout: deadline of the client's calls, seconds.
+        progress: of the samples that are written or fetched: a line on the terminal or in the notebook (default: where
+            one is and it takes more than a second), or a function of the bytes done and the bytes in all, 0 if these
+            are not known.
 
     Raises:
         InvalidArgumentError: the source is of a type that is not taken, or the arguments do not fit it.
+        MissingPackageError: an address needs fsspec.
+        ResourceExhaustedError: the samples do not fit into the folder of temporary files (`TMPDIR`).
         ProgramError: the program is not installed, or ended with an error, which the message quotes.
     """
     _check_source(source)
@@ -121,7 +136,7 @@ def serve(
     wanted = _Wanted(
         name=name, folder=folder, spacing=spacing, origin=origin, direction=direction, times=times, vectors=vectors,
         units=units, time_unit=time_unit, length_unit=length_unit, dims=dims, dtype=dtype, axes=axes, resample=resample,
-        shards=shards,
+        shards=shards, progress=progress,
     )  # fmt: skip
     try:
         volume, fields = _volume(program, source, server, wanted)
@@ -145,15 +160,22 @@ def serve(
 
 def _check_source(source: Any) -> None:
     """Refuses a source of a type that is not taken, and says what is."""
-    if isinstance(source, Mapping) and not xarray_source.is_xarray(source):
+    if isinstance(source, Mapping) and not xarray_source.is_xarray(source) and not stores.is_store(source):
         for name, values in source.items():
             if xarray_source.is_xarray(values):
                 raise InvalidArgumentError(
                     f"the dict has {name!r}, a {_type_name(values)}, whose coordinates would be lost: give "
                     "xarray.Dataset({...}) instead of the dict"
                 )
+            if stores.is_zarr(values):
+                raise InvalidArgumentError(
+                    f"the dict has {name!r}, a {_type_name(values)}, all of which would be in memory: give "
+                    "dask.array.from_zarr(...) instead, or the group of such arrays instead of the dict"
+                )
         return
     if isinstance(source, (str, os.PathLike, np.ndarray)) or is_dask(source) or xarray_source.is_xarray(source):
+        return
+    if stores.is_store(source):
         return
     is_like_an_array = isinstance(source, (list, tuple)) or hasattr(source, "__array__")
     hint = "; numpy.asarray(...) makes an array of it" if is_like_an_array else ""
@@ -203,6 +225,7 @@ class _Wanted:
     axes: str | None = None
     resample: bool = False
     shards: int = 1
+    progress: bool | Callable[[int, int], None] | None = None
 
     def given(self, *names: str) -> list[str]:
         """Returns those of the names whose argument was given."""
@@ -219,6 +242,7 @@ class _Source:
         dims, dtype: of raw samples.
         is_own: whether the file is one of `serve`, which goes when the client is closed.
         fields: names of the variables in it; empty: not known, or just one.
+        name: of its dataset, if `serve` is given none; empty: as the program names it.
     """
 
     path: str
@@ -227,6 +251,7 @@ class _Source:
     dtype: npt.DTypeLike | None = None
     is_own: bool = False
     fields: Sequence[str] = field(default_factory=list)
+    name: str = ""
 
 
 def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tuple[list[str], Sequence[str]]:
@@ -235,10 +260,11 @@ def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tupl
     That is a dataset folder, or a volume that goes into the cache. An array, and a volume with a name or folder of its
     own, become a dataset folder by `isoscope partition`.
     """
-    if isinstance(source, (str, os.PathLike)):
-        path = os.fspath(source)
+    if stores.is_store(source) or isinstance(source, (str, os.PathLike)):
         if wanted.given("times", "vectors", "units", "time_unit", "length_unit"):
-            raise InvalidArgumentError("times, vectors and units are for arrays: a file has its own")
+            raise InvalidArgumentError("times, vectors and units are for arrays: a file or a store has its own")
+        found = _located(program, source, server, wanted)
+        path = found.path
         if os.path.isfile(os.path.join(path, "manifest.json")):
             given = wanted.given("spacing", "origin", "direction", "axes", "resample")
             if given:
@@ -247,7 +273,7 @@ def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tupl
                     "folder has its own"
                 )
             return [path], []
-        made = _Source(path, dims=wanted.dims, dtype=wanted.dtype)
+        made = _Source(path, dims=wanted.dims, dtype=wanted.dtype, is_own=found.is_copy, name=found.name)
     else:
         made = _file_of_arrays(source, server, wanted)
     flags = _flags(made, wanted)
@@ -255,7 +281,7 @@ def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tupl
     if folder is None:
         if not made.is_own and name is None:
             return [made.path, *flags], []
-        folder = os.path.join(server.scratch(), name or ("array" if made.is_own else "volume"))
+        folder = os.path.join(server.scratch(), name or made.name or ("array" if made.is_own else "volume"))
     elif name is not None:
         raise InvalidArgumentError("name and folder exclude each other: a dataset has the name of its folder")
     command = [program, "partition", made.path, "--output", os.fspath(folder), *flags]
@@ -263,8 +289,9 @@ def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tupl
     if done.returncode != 0:
         said = last_line(done.stderr)
         if made.is_own:
-            # The path means nothing to the caller, who gave an array.
-            said = said.replace(made.path + ":", "").replace(made.path, "the source")
+            # The path means nothing to the caller, who gave an array or an address.
+            for path in (made.path, made.path.partition(":")[0]):
+                said = said.replace(path + ":", "").replace(path, "the source")
             said = said.replace("--resample", "resample=True")
         raise ProgramError(f"isoscope partition failed: {said}")
     return [os.fspath(folder)], made.fields
@@ -289,6 +316,14 @@ def _file_of_arrays(source: Any, server: _Server, wanted: _Wanted) -> _Source:
     if wanted.dims is not None or wanted.dtype is not None:
         raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
     scratch = pathlib.Path(server.scratch())
+    progress = Progress(wanted.progress, "writing the samples")
+    try:
+        return _written(source, scratch, wanted, progress)
+    finally:
+        progress.close()
+
+
+def _written(source: Any, scratch: pathlib.Path, wanted: _Wanted, progress: Progress) -> _Source:
     if xarray_source.is_xarray(source):
         given = wanted.given("times", "units", "time_unit", "length_unit")
         if given:
@@ -297,7 +332,7 @@ def _file_of_arrays(source: Any, server: _Server, wanted: _Wanted) -> _Source:
                 "attrs['units']"
             )
         path = scratch / "source.nc"
-        fields = xarray_source.write(source, path, wanted.vectors)
+        fields = xarray_source.write(source, path, wanted.vectors, progress)
         return _Source(str(path), is_own=True, fields=fields)
     given = wanted.given("axes", "resample")
     if given:
@@ -305,26 +340,77 @@ def _file_of_arrays(source: Any, server: _Server, wanted: _Wanted) -> _Source:
             f"{', '.join(given)}: for xarray and for files; an array is array[z, y, x], with even steps"
         )
     is_series = bool(wanted.given("times", "vectors") or wanted.units or wanted.time_unit or wanted.length_unit)
-    if isinstance(source, Mapping) or source.ndim > 3 or is_series:
+    # Raw files have no integers of 64 bits.
+    is_wide = not isinstance(source, Mapping) and source.dtype.name in ("int64", "uint64")
+    if isinstance(source, Mapping) or source.ndim > 3 or is_series or is_wide:
         series = _series_files.as_series(
             source, wanted.times, wanted.vectors, units=wanted.units, time_unit=wanted.time_unit,
             length_unit=wanted.length_unit,
         )  # fmt: skip
-        written = _series_files.write(series, scratch, spacing=wanted.spacing, origin=wanted.origin)
+        written = _series_files.write(
+            series, scratch, spacing=wanted.spacing, origin=wanted.origin, progress=progress
+        )
         return _Source(str(written), grid=("direction",), is_own=True)
     array = as_array(source, "the array")
-    return _Source(server.write_array(array), dims=array.shape[::-1], dtype=_sample_type(array), is_own=True)
-
-
-def _sample_type(array: AnyArray) -> np.dtype[Any]:
-    if array.dtype == np.bool_:
-        return np.dtype(np.uint8)
-    if array.dtype.name not in _NUMPY_TYPES:
+    if array.ndim != 3 or min(array.shape) < 2:
         raise InvalidArgumentError(
-            f"array of {array.dtype.name}: must be one of {', '.join(_NUMPY_TYPES)}; convert it with array.astype(...)"
+            f"array of shape {array.shape}: must be (nz, ny, nx), or (nt, nz, ny, nx) with steps, with at least 2 "
+            "samples on each axis of the grid"
         )
-    dtype: np.dtype[Any] = array.dtype
-    return dtype
+    dtype = _sample_type(array)
+    path = scratch / "samples.raw"
+    progress.total = dtype.itemsize * math.prod(map(int, array.shape))
+    with open(path, "w+b") as file:
+        write_samples(file, array, dtype.newbyteorder("<"), progress)
+    return _Source(str(path), dims=array.shape[::-1], dtype=dtype, is_own=True)
+
+
+def _sample_type(array: Any) -> np.dtype[Any]:
+    """Returns the type of the samples of an array in a raw file."""
+    name = _EXACT.get(array.dtype.name, array.dtype.name)
+    if name not in _NUMPY_TYPES:
+        raise InvalidArgumentError(
+            f"array of {array.dtype.name}: must be one of {', '.join((*_NUMPY_TYPES, 'int64', 'uint64', *_EXACT))}; "
+            "convert it with array.astype(...)"
+        )
+    return np.dtype(name)
+
+
+class _ProgramForAddresses:
+    """What the program `isoscope` can do with an address: `stores.Opener`."""
+
+    def __init__(self, program: str) -> None:
+        self._program = program
+
+    def can_open(self, address: str) -> bool:
+        if not address.startswith(_ADDRESSES_OF_PROGRAM):
+            return False
+        return self._run("info", address).returncode == 0
+
+    def copy(self, address: str, folder: pathlib.Path) -> pathlib.Path | None:
+        if not address.startswith(_ADDRESSES_OF_PROGRAM):
+            return None
+        done = self._run("copy", "--quiet", address, str(folder))
+        if done.returncode != 0:
+            raise ProgramError(f"isoscope copy failed: {last_line(done.stderr)}")
+        (copied,) = folder.iterdir()
+        return copied
+
+    def _run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [self._program, *arguments], stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace"
+        )
+
+
+def _located(program: str, source: Any, server: _Server, wanted: _Wanted) -> stores.Located:
+    """Returns the path of a volume: as it is, of a store, or of a copy in the scratch folder."""
+    if not stores.is_store(source):
+        return stores.Located(os.fspath(source), False)
+    progress = Progress(wanted.progress, "fetching")
+    try:
+        return stores.located(source, _ProgramForAddresses(program), lambda: pathlib.Path(server.scratch()), progress)
+    finally:
+        progress.close()
 
 
 def _joined(values: npt.ArrayLike) -> str:
@@ -359,18 +445,6 @@ class _Server:
         handle, path = tempfile.mkstemp(prefix="token-", dir=self.scratch())
         with open(handle, "w", encoding="ascii") as file:
             file.write(text)
-        return path
-
-    def write_array(self, array: AnyArray) -> str:
-        """Writes the samples of array[z, y, x], x fastest, little-endian; returns the path."""
-        if array.ndim != 3 or min(array.shape) < 2:
-            raise InvalidArgumentError(
-                f"array of shape {array.shape}: must be (nz, ny, nx), or (nt, nz, ny, nx) with steps, with at least 2 "
-                "samples on each axis of the grid"
-            )
-        path = os.path.join(self.scratch(), "samples.raw")
-        with open(path, "wb") as file:
-            write_samples(file, array, _sample_type(array).newbyteorder("<"))
         return path
 
     def start(self, command: list[str]) -> str:

@@ -78,6 +78,7 @@ std::vector<WrongUsage> GeneralRows() {
   return {
       {{}, {"a command is missing", "partition, info, verify, serve, render, pick, export"}},
       {{"rendr"}, {"'rendr' is no command", "did you mean 'render'", "partition"}},
+      {{"copy"}, {"ADDRESS is missing", "s3://BUCKET/KEY"}},
       {{"bench", "frame", "--runs", "3"}, {"'bench' is no command", "isoscope-bench"}},
       {{"help", "rendr"}, {"'rendr' is no command"}},
       {{"qqqqqqq"}, {"'qqqqqqq' is no command", "There are: partition"}},

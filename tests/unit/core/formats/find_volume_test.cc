@@ -55,6 +55,29 @@ TEST_F(FindVolumeTest, AFolderIsAFolderWhateverItsName) {
   }
 }
 
+// A store of Zarr is a folder, also by the array behind a colon and by its metadata.
+TEST_F(FindVolumeTest, FindsZarr) {
+  Write("a.zarr/.zgroup", "{\"zarr_format\": 2}");
+  Write("a.zarr/v/.zarray",
+        R"({"zarr_format": 2, "shape": [2, 3, 4], "chunks": [2, 3, 4], "dtype": "|u1",
+            "order": "C", "compressor": null, "filters": null, "fill_value": 5})");
+  Write("a.zarr/v/0.0.0", "abcdefghijklmnopqrstuvwx");
+  for (const char* path : {"a.zarr", "a.zarr/", "a.zarr:v", "a.zarr/v", "a.zarr/v/.zarray"}) {
+    SCOPED_TRACE(path);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FoundVolume found, FindVolume(dir_.Sub(path)));
+    EXPECT_EQ(found.format->name, "Zarr");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.Sub(path)));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*source, 1));
+    EXPECT_EQ(samples, "abcdefghijklmnopqrstuvwx");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(dir_.Sub(path)));
+    EXPECT_THAT(files, ElementsAre(dir_.Sub("a.zarr/.zgroup"), dir_.Sub("a.zarr/v/.zarray"),
+                                   dir_.Sub("a.zarr/v/0.0.0")));
+  }
+  std::filesystem::create_directory(dir_.Sub("empty.zarr"));
+  EXPECT_THAT(FindVolume(dir_.Sub("empty.zarr")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("hidden files")));
+}
+
 TEST_F(FindVolumeTest, WhateverIsOneVolumeIsASeriesOfOneFieldAndOneStep) {
   const std::string samples = Noise(kDims, ScalarType::kInt16);
   testing::NiftiHeader nifti;

@@ -69,7 +69,8 @@ TEST(FormatTest, AxesAreForTheFormatsThatTakeThem) {
         status,
         StatusIs(absl::StatusCode::kInvalidArgument,
                  HasSubstr("a: --axes TZ: the axes of this kind of file have their meaning; "
-                           "--axes is for datasets of HDF5 files, for TIFF, for netCDF, as "
+                           "--axes is for datasets of HDF5 files, for arrays of Zarr, for TIFF, "
+                           "for arrays of NumPy (.npy), for netCDF, as "
                            "--axes Z for slices in any order of numbers")));
   }
 }

@@ -51,8 +51,6 @@ TEST_F(RefusedFormatsTest, FoldersOfArraysAreKnownByTheirFiles) {
   Write("a.n5/c0/attributes.json", "{}");
   Expect(dir_.Sub("a.n5"), "N5", "HDF5");
   Expect(dir_.Sub("a.n5/c0"), "N5", "HDF5");
-  Write("b/.zgroup", "{}");
-  Expect(dir_.Sub("b"), "Zarr", "TIFF");
   Write("case/system/controlDict", "FoamFile {}");
   Expect(dir_.Sub("case"), "OpenFOAM", "Resample To Image");
 }
@@ -62,7 +60,7 @@ TEST_F(RefusedFormatsTest, OtherFilesAreKnownByTheirNames) {
   Expect(Write("a.pvtr", "<VTKFile type=\"PRectilinearGrid\"/>"), "a VTK grid", ".vti");
   Expect(Write("a.CZI", "ZISRAWFILE"), "a microscope's own format", "OME-TIFF");
   Expect(Write("binary.stl", std::string(84, '\1')), "a mesh", "isoscope export");
-  Expect(Write("head.dm4", "\1\2\3\4"), "Gatan's own format", "MRC or TIFF");
+  Expect(Write("head.dm4", "\1\2\3\4"), "Gatan's own format", "dm2mrc IN OUT.mrc");
   Expect(Write("w.pt", "\1\2\3\4"), "a Python pickle", "runs code");
   Expect(Write("head.nii.gz.part", "\1\2\3\4"), "an unfinished download", "let it finish");
   Expect(Write("a.case", "FORMAT"), "EnSight", "Resample To Image");
@@ -81,7 +79,6 @@ TEST_F(RefusedFormatsTest, ContentIsKnownUnderAnyName) {
       {"<?xml version=\"1.0\"?>\n<Xdmf Version=\"3.0\">", {"XDMF", "FILE.h5:/name"}},
       {"<VTKFile type=\"PolyData\" version=\"1.0\">", {"a VTK grid", ".vti"}},
       {"", {"an empty file", "download it again"}},
-      {"PK\x03\x04 and so on", {"a ZIP archive", "unpack it"}},
       {tar_block, {"a tar archive", "unpack it"}},
       {std::string("\x28\xb5\x2f\xfd", 4) + "x", {"a file that Zstandard compressed", "unzstd"}},
       {std::string("\xfd\x37zXZ\0", 6) + "x", {"a file that xz compressed", "unxz"}},
@@ -89,11 +86,11 @@ TEST_F(RefusedFormatsTest, ContentIsKnownUnderAnyName) {
       {"\x89PNG\r\n", {"a PNG picture", "slices are a folder"}},
       {"%PDF-1.4", {"a PDF document", "the data themselves"}},
       {std::string("\0\0\0\x18", 4) + "ftypmp42", {"a video", "PNG or TIFF"}},
-      {"\x93NUMPY\x01", {"a NumPy array", "isoscope.serve(numpy.load(FILE))"}},
       {"MATLAB 5.0 MAT-file, Platform: GLNXA64", {"a MAT-file of version 5 to 7", "-v7.3"}},
       {std::string("\x0e\x03\x13\x01", 4), {"HDF4", "h4toh5"}},
-      {"SIMPLE  =                    T", {"FITS", "isoscope.serve(array)"}},
-      {"# AmiraMesh 3D BINARY 2.0", {"Amira's own format", "NRRD"}},
+      {"# AmiraMesh 3D BINARY 2.0", {"Amira's own format", "bfconvert IN OUT.ome.tif"}},
+      {"object 1 class gridpositions counts 2 2 2", {"OpenDX", "chimerax --nogui"}},
+      {"\xc3\x40\xf1\x40", {"SEG-Y", "segyio.tools.cube('IN')"}},
       {"solid cube\nfacet normal 0 0 1", {"STL", "a mesh, not a volume"}},
       {"GRIB\1\2\3", {"GRIB", "cdo"}}};
   for (const auto& [bytes, texts] : rows) {
@@ -103,6 +100,34 @@ TEST_F(RefusedFormatsTest, ContentIsKnownUnderAnyName) {
       SCOPED_TRACE(name);
       Expect(Write(name, bytes), texts.first, texts.second);
     }
+  }
+}
+
+TEST_F(RefusedFormatsTest, ZipArchivesAreCalledSoUnderAnyName) {
+  for (const char* name : {"a.nrrd", "a.mha", "a.vti", "a.tif", "a.h5", "a.mrc", "a.nc", "a.vtk"}) {
+    Expect(Write(name, "PK\x03\x04 and so on"), "a ZIP archive", "unpack it");
+  }
+  for (const char* name : {"a.bin", "a.zip", "a.npz", "a.nii", "a.docx"}) {
+    const std::string path = Write(name, "PK\x03\x04 and so on");
+    EXPECT_THAT(OpenVolumeSeries(path),
+                StatusIs(kInvalid, HasSubstr(path + ": a ZIP archive: no directory at its end")));
+  }
+}
+
+TEST_F(RefusedFormatsTest, FormatsOfOtherProgramsAreKnownByTheirNames) {
+  const std::vector<std::pair<const char*, const char*>> rows{
+      {"a.am", "bfconvert IN OUT.ome.tif"},
+      {"a.dx", "chimerax --nogui --cmd 'open IN; save OUT.mrc; exit'"},
+      {"a.xdmf", "SaveData('OUT.vti', OpenDataFile('IN'))"},
+      {"a.xmf", "SaveData('OUT.vti', OpenDataFile('IN'))"},
+      {"a.dm3", "dm2mrc IN OUT.mrc"},
+      {"a.dm4", "dm2mrc IN OUT.mrc"},
+      {"a.sgy", "numpy.save('OUT.npy', segyio.tools.cube('IN'))"},
+      {"a.segy", "numpy.save('OUT.npy', segyio.tools.cube('IN'))"}};
+  for (const auto& [name, command] : rows) {
+    const std::string path = Write(name, std::string("\x01\x02\x03", 3));
+    Expect(path, "", command);
+    EXPECT_LE(OpenVolumeSeries(path).status().message().size() - path.size(), 300U) << name;
   }
 }
 
@@ -124,7 +149,8 @@ TEST_F(RefusedFormatsTest, WhatAReaderTakesIsNotExplained) {
   for (const std::string& bytes :
        {std::string("NRRD0004\n"), std::string("II*\0", 4), std::string("\x89HDF\r\n\x1a\n", 8),
         std::string("<VTKFile type=\"ImageData\">"), std::string("# vtk DataFile Version 3.0\n"),
-        std::string("ObjectType = Image\n"), std::string("CDF\1"), std::string(64, '\1')}) {
+        std::string("ObjectType = Image\n"), std::string("CDF\1"), std::string("\x93NUMPY\1"),
+        std::string(64, '\1')}) {
     EXPECT_EQ(DescribeContent(Write("a", bytes)), std::nullopt) << bytes;
   }
   const absl::Status status = absl::InvalidArgumentError("its own words");

@@ -31,9 +31,12 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/formats/arrays/fits_bytes.h"
+#include "tests/unit/core/formats/arrays/npy_bytes.h"
 #include "tests/unit/core/formats/maps/mrc_bytes.h"
 #include "tests/unit/core/formats/stacks/tiff_files.h"
 #include "tests/unit/core/formats/vtk/vti_bytes.h"
+#include "tests/unit/core/source/bytes/zip_bytes.h"
 #include "zlib.h"
 
 namespace isoscope::source {
@@ -43,12 +46,15 @@ namespace fs = std::filesystem;
 
 using ::isoscope::testing::AfniBytes;
 using ::isoscope::testing::AnalyzeBytes;
+using ::isoscope::testing::FitsCubeCards;
+using ::isoscope::testing::FitsPartBytes;
 using ::isoscope::testing::Gzip;
 using ::isoscope::testing::Hdf5MeshWriter;
 using ::isoscope::testing::MghBytes;
 using ::isoscope::testing::MrcBytes;
 using ::isoscope::testing::Nifti2Bytes;
 using ::isoscope::testing::NiftiHeaderBytes;
+using ::isoscope::testing::NpyBytes;
 using ::isoscope::testing::NrrdHeader;
 using ::isoscope::testing::ParBytes;
 using ::isoscope::testing::ParImage;
@@ -58,6 +64,7 @@ using ::isoscope::testing::TempDir;
 using ::isoscope::testing::VtiBytes;
 using ::isoscope::testing::WriteFile;
 using ::isoscope::testing::WriteTiffStack;
+using ::isoscope::testing::ZipBytes;
 using ::testing::UnorderedElementsAreArray;
 
 constexpr math::Index3 kDims{4, 3, 2};
@@ -83,6 +90,26 @@ void WriteHdf5(const std::string& path, const std::string& dataset) {
   const Hdf5Handle file(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
   const std::vector<unsigned char> samples(24, 1);
   testing::WriteHdf5Dataset(file.get(), dataset, {2, 3, 4}, H5T_STD_U8LE, samples.data());
+}
+
+// An array of two chunks with the coordinates of one axis.
+void WriteZarr(const TempDir& dir) {
+  const auto array = [](const std::string& shape, const std::string& chunks,
+                        const std::string& type) {
+    return absl::StrCat("{\"zarr_format\": 2, \"shape\": ", shape, ", \"chunks\": ", chunks,
+                        ", \"dtype\": \"", type,
+                        "\", \"order\": \"C\", \"compressor\": null, \"fill_value\": 0, "
+                        "\"filters\": null}");
+  };
+  const std::string root = "run.zarr/";
+  dir.Write(root + ".zgroup", "{\"zarr_format\": 2}");
+  dir.Write(root + "a/.zarray", array("[2, 3, 4]", "[1, 3, 4]", "|u1"));
+  dir.Write(root + "a/.zattrs", "{\"_ARRAY_DIMENSIONS\": [\"z\", \"y\", \"x\"]}");
+  dir.Write(root + "a/0.0.0", std::string(12, 'a'));
+  dir.Write(root + "a/1.0.0", std::string(12, 'b'));
+  dir.Write(root + "z/.zarray", array("[2]", "[2]", "|u1"));
+  dir.Write(root + "z/.zattrs", "{\"_ARRAY_DIMENSIONS\": [\"z\"]}");
+  dir.Write(root + "z/0", std::string("\1\3", 2));
 }
 
 // A VTKHDF image whose array lies in `samples`.
@@ -417,6 +444,63 @@ const std::vector<Kind>& Kinds() {
          return OpenRequest{.path = dir.Sub("run.vtkhdf")};
        },
        {"run.vtkhdf", "samples.h5"}},
+      {"npy",
+       [](const TempDir& dir) {
+         WriteFile(dir.Sub("a.npy"), NpyBytes("|u1", "(2, 3, 4)", Bytes('a')));
+         return OpenRequest{.path = dir.Sub("a.npy")};
+       },
+       {"a.npy"}},
+      {"npz",
+       [](const TempDir& dir) {
+         WriteFile(
+             dir.Sub("a.npz"),
+             ZipBytes({{.name = "a.npy", .bytes = NpyBytes("|u1", "(2, 3, 4)", Bytes('a'))}}));
+         return OpenRequest{.path = dir.Sub("a.npz")};
+       },
+       {"a.npz"}},
+      {"fits",
+       [](const TempDir& dir) {
+         WriteFile(dir.Sub("a.fits"), FitsPartBytes(FitsCubeCards(8), Bytes('a')));
+         return OpenRequest{.path = dir.Sub("a.fits")};
+       },
+       {"a.fits"}},
+      {"mrtrix_with_its_data_file",
+       [](const TempDir& dir) {
+         WriteFile(dir.Sub("a.mih"),
+                   "mrtrix image\ndim: 4,3,2\nvox: 1,1,1\nlayout: +0,+1,+2\ndatatype: UInt8\n"
+                   "file: a.dat\nEND\n");
+         WriteFile(dir.Sub("a.dat"), Bytes('a'));
+         return OpenRequest{.path = dir.Sub("a.mih")};
+       },
+       {"a.mih", "a.dat"}},
+      {"list_of_vti",
+       [](const TempDir& dir) {
+         WriteFile(dir.Sub("1.vti"),
+                   VtiBytes({.extent = "0 3 0 2 0 1", .fields = {{"p", "UInt8", Bytes('x')}}}));
+         WriteFile(dir.Sub("2.vti"),
+                   VtiBytes({.extent = "0 3 0 2 0 1", .fields = {{"p", "UInt8", Bytes('x')}}}));
+         WriteFile(dir.Sub("run.vti.series"),
+                   "{\"file-series-version\": \"1.0\", \"files\": [{\"name\": \"1.vti\", "
+                   "\"time\": 0}, {\"name\": \"2.vti\", \"time\": 1}]}");
+         return OpenRequest{.path = dir.Sub("run.vti.series")};
+       },
+       {"1.vti", "2.vti", "run.vti.series"}},
+      {"pattern_of_vti",
+       [](const TempDir& dir) {
+         WriteFile(dir.Sub("run_1.vti"),
+                   VtiBytes({.extent = "0 3 0 2 0 1", .fields = {{"p", "UInt8", Bytes('x')}}}));
+         WriteFile(dir.Sub("run_2.vti"),
+                   VtiBytes({.extent = "0 3 0 2 0 1", .fields = {{"p", "UInt8", Bytes('x')}}}));
+         return OpenRequest{.path = dir.Sub("run_*.vti")};
+       },
+       {"run_1.vti", "run_2.vti"}},
+      {"zarr_with_coordinates",
+       [](const TempDir& dir) {
+         WriteZarr(dir);
+         return OpenRequest{.path = dir.Sub("run.zarr")};
+       },
+       {"run.zarr/.zgroup", "run.zarr/a/.zarray", "run.zarr/a/.zattrs", "run.zarr/a/0.0.0",
+        "run.zarr/a/1.0.0", "run.zarr/z/.zarray", "run.zarr/z/.zattrs", "run.zarr/z/0"}},
       {"openpmd_pattern",
        [](const TempDir& dir) {
          WriteOpenPmd(dir, "data1.h5", "one.h5", 1);
@@ -483,7 +567,8 @@ TEST_P(SourceFilesTest, EachOfThemChangesTheIdentityThoughSizeAndTimeAreKept) {
     fs::last_write_time(path, time);
     EXPECT_NE(StampsOf(files).value(), stamps) << name;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto again, OpenIdentified(request));
-    bool differs = name == "run.pvd";  // its steps are told by their files and times
+    // Steps of a list are told by their files and times.
+    bool differs = name == "run.pvd" || name == "run.vti.series";
     for (int step = 0; step < again->info().step_count(); ++step) {
       const std::string identity = again->IdentityOfStep(step).value();
       std::string& known = before[static_cast<std::size_t>(step)];

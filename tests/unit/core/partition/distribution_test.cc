@@ -9,15 +9,20 @@
 #include "core/partition/distribution.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <set>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "core/store/sample_reader.h"
+#include "core/volume/block_layout.h"
 #include "core/volume/scalar_span.h"
 
 namespace isoscope::partition {
@@ -107,6 +112,40 @@ TEST(ShardMapTest, MovesOnlyAsManyBlocksAsThereAreEmptyShards) {
   EXPECT_EQ(moved, std::count(drawn_counts.begin(), drawn_counts.end(), 0));
   EXPECT_GT(moved, 0);
   EXPECT_THAT(counts, ::testing::Each(::testing::Ge(1)));
+}
+
+// Units by simple code: the unit of a block's first sample, numbered as they are met.
+TEST(ShardMapTest, DealsOutUnits) {
+  const auto layout = *volume::BlockLayout::Make({50, 40, 30}, {4, 8, 3});
+  const store::SourceSamples samples{
+      .request = {}, .unit_origin = {-3, 0, -1}, .unit_dims = {16, 8, 2}};
+  const BlockUnits units(layout, samples);
+  std::map<std::array<std::int64_t, 3>, std::uint32_t> known;  // z, y, x
+  std::set<std::uint32_t> numbers;
+  for (volume::BlockId id = 0; id < layout.block_count(); ++id) {
+    const math::Index3 first = layout.CellsOf(id).begin;
+    const std::array<std::int64_t, 3> unit = {(first.z + 1) / 2, first.y / 8, (first.x + 3) / 16};
+    EXPECT_EQ(known.emplace(unit, units.UnitOf(id)).first->second, units.UnitOf(id));
+    numbers.insert(units.UnitOf(id));
+  }
+  EXPECT_EQ(units.unit_count(), static_cast<std::int64_t>(known.size()));
+  EXPECT_EQ(numbers.size(), known.size());
+  EXPECT_EQ(*numbers.rbegin(), known.size() - 1);
+  std::uint32_t next = 0;
+  for (const auto& [unit, number] : known) {
+    EXPECT_EQ(number, next++);
+  }
+  const auto shard_count = static_cast<int>(units.unit_count());
+  for (const int shards : {1, 2, 7, shard_count}) {
+    const ShardMap map = ShardMap::RandomUnits(units, shards, 9);
+    const ShardMap of_units = ShardMap::Random(units.unit_count(), shards, 9);
+    std::set<std::uint16_t> seen;
+    for (volume::BlockId id = 0; id < layout.block_count(); ++id) {
+      ASSERT_EQ(map.ShardOf(id), of_units.ShardOf(units.UnitOf(id)));
+      seen.insert(map.ShardOf(id));
+    }
+    EXPECT_EQ(seen.size(), static_cast<std::size_t>(shards));
+  }
 }
 
 TEST(DistributeRandomlyTest, ShardOfABlockDependsOnSeedAndIdOnly) {

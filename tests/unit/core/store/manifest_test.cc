@@ -367,6 +367,69 @@ TEST(ManifestTest, WhatAReaderMustKnowIsNamed) {
                        HasSubstr("kind \"index\", which this program does not know")));
 }
 
+Manifest IndexOnly() {
+  Manifest manifest = MakeManifest();
+  manifest.in_source = {.request = {{"path", "/data/head.zarr"}, {"stride", "2"}},
+                        .unit_origin = {-1, 0, 0},
+                        .unit_dims = {4, 4, 2}};
+  return manifest;
+}
+
+TEST(ManifestTest, SamplesInTheSourceMakeVersion3) {
+  const Manifest manifest = IndexOnly();
+  const std::string bytes = EncodeManifest(manifest);
+  EXPECT_THAT(bytes, HasSubstr("\"format_version\": 3"));
+  EXPECT_THAT(bytes,
+              HasSubstr("\"kind\": \"volume\",\n  \"requires\": [\n    \"index_only\"\n  ],\n"
+                        "  \"in_source\": {\n    \"request\": {\n      \"path\": "
+                        "\"/data/head.zarr\",\n      \"stride\": \"2\"\n    },\n"
+                        "    \"unit_origin\": [\n      -1,\n      0,\n      0\n    ],"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded, DecodeManifest(bytes, "m"));
+  EXPECT_EQ(decoded, manifest);
+  EXPECT_EQ(ManifestCrc32c(bytes, "m").value(), VerifySeal(bytes, "m").value());
+  EXPECT_NE(ComputeDatasetId(manifest), ComputeDatasetId(MakeManifest()));
+  Manifest elsewhere = manifest;
+  elsewhere.in_source->request["path"] = "/data/foot.zarr";
+  EXPECT_NE(ComputeDatasetId(manifest), ComputeDatasetId(elsewhere));
+  // Levels come and go without a change of the checksum that others name.
+  Manifest with = WithLevel();
+  Manifest without = with;
+  without.levels.clear();
+  with.in_source = without.in_source = manifest.in_source;
+  const std::string with_bytes = EncodeManifest(with);
+  EXPECT_EQ(DecodeManifest(with_bytes, "m").value(), with);
+  EXPECT_EQ(ManifestCrc32c(with_bytes, "m").value(),
+            ManifestCrc32c(EncodeManifest(without), "m").value());
+}
+
+TEST(ManifestTest, SamplesInASourceThatCannotBeAreRefused) {
+  const std::string text = Unsealed(EncodeManifest(IndexOnly()));
+  ISOSCOPE_ASSERT_OK(DecodeManifest(SealJson(text), "m").status());
+  const auto refuses = [&](const char* from, const char* to, const char* what) {
+    EXPECT_THAT(DecodeManifest(SealJson(Replaced(text, from, to)), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr(what)))
+        << to;
+  };
+  refuses("\"path\"", "\"pathos\"", "path");
+  refuses("\"stride\": \"2\"", "\"stride\": 2", "stride");
+  refuses("\"unit_origin\": [\n      -1", "\"unit_origin\": [\n      1", "unit_origin");
+  refuses("\"unit_origin\": [\n      -1", "\"unit_origin\": [\n      -4", "units of 4 x 4 x 2");
+  refuses("\"unit_dims\": [\n      4", "\"unit_dims\": [\n      0", "unit_dims");
+  refuses("\"unit_dims\": [\n      4", "\"unit_dims\": [\n      5000000", "units of 5000000");
+  refuses("\"in_source\"", "\"at_source\"", "level_filter");
+  refuses("\"request\": {", "\"request\": [], \"x\": {", "request");
+  Manifest many = IndexOnly();
+  for (int i = 0; i < 64; ++i) {
+    many.in_source->request[std::to_string(i)] = "";
+  }
+  EXPECT_THAT(DecodeManifest(EncodeManifest(many), "m"),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("66 members")));
+  Manifest long_text = IndexOnly();
+  long_text.in_source->request["path"] = std::string(kMaxRequestBytes + 1, 'a');
+  EXPECT_THAT(DecodeManifest(EncodeManifest(long_text), "m"),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("65537 bytes")));
+}
+
 TEST(ManifestTest, DeepNestingNeitherCrashesNorThrows) {
   const std::string deep(100000, '[');
   EXPECT_THAT(DecodeManifest(SealJson("{\"crc32c\": \"00000000\", \"a\": " + deep), "m"),

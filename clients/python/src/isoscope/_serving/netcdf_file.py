@@ -22,6 +22,7 @@ from typing import Any, Union
 
 import numpy as np
 
+from isoscope._serving.progress import Progress
 from isoscope._serving.samples import AnyArray, write_samples
 
 _DIMENSIONS, _VARIABLES, _ATTRIBUTES = 10, 11, 12
@@ -36,31 +37,48 @@ Attribute = Union[str, "np.ndarray[Any, Any]"]
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """An array with names of its dimensions, the slowest first. Its type is one of TYPES."""
+    """An array with names of its dimensions, the slowest first. Its type in the file is `dtype`, else that of samples.
+
+    Types in a file are those of TYPES.
+    """
 
     name: str
     dimensions: tuple[str, ...]
     samples: AnyArray
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
+    dtype: np.dtype[Any] | None = None
+
+    @property
+    def stored_type(self) -> np.dtype[Any]:
+        """Type of the samples in the file."""
+        dtype: np.dtype[Any] = self.samples.dtype if self.dtype is None else self.dtype
+        return dtype
 
 
-def write(path: pathlib.Path, dimensions: Mapping[str, int], variables: Sequence[Variable]) -> None:
+def write(
+    path: pathlib.Path,
+    dimensions: Mapping[str, int],
+    variables: Sequence[Variable],
+    progress: Progress | None = None,
+) -> None:
     """Writes the file. Each dimension of a variable is one of `dimensions`, of that length."""
+    if progress is not None:
+        progress.total = sum(map(_size_of, variables))
     # The offsets have the same size, whatever they are.
     begin = len(_header(dimensions, variables, [0] * len(variables)))
     begins = []
     for variable in variables:
         begins.append(begin)
         begin += _padded(_size_of(variable))
-    with open(path, "wb") as file:
+    with open(path, "w+b") as file:
         file.write(_header(dimensions, variables, begins))
         for variable in variables:
-            write_samples(file, variable.samples, variable.samples.dtype.newbyteorder(">"))
+            write_samples(file, variable.samples, variable.stored_type.newbyteorder(">"), progress)
             file.write(b"\0" * (_padded(_size_of(variable)) - _size_of(variable)))
 
 
 def _size_of(variable: Variable) -> int:
-    return int(variable.samples.dtype.itemsize) * math.prod(map(int, variable.samples.shape))
+    return int(variable.stored_type.itemsize) * math.prod(map(int, variable.samples.shape))
 
 
 def _padded(size: int) -> int:
@@ -75,7 +93,7 @@ def _header(dimensions: Mapping[str, int], variables: Sequence[Variable], begins
     for variable, begin in zip(variables, begins):
         places = b"".join(_count(ids[name]) for name in variable.dimensions)
         attributes = _list(_ATTRIBUTES, [_attribute(name, value) for name, value in variable.attributes.items()])
-        type_of = struct.pack(">i", TYPES[variable.samples.dtype.name])
+        type_of = struct.pack(">i", TYPES[variable.stored_type.name])
         described.append(
             _name(variable.name) + _count(len(variable.dimensions)) + places + attributes + type_of
             + _count(_padded(_size_of(variable))) + _count(begin)

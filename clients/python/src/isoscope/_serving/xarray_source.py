@@ -4,6 +4,9 @@ Dimensions, coordinates and attributes are written as they are; times as numbers
 and time, units, the direction of each axis, and whether its steps are even, is then found by `isoscope partition`, and
 its refusals name the variable and the axis (docs/formats.md, netCDF). Samples are written in parts: those of dask and
 of files that were opened lazily need not fit in memory.
+
+netCDF takes some values for holes where nobody said so, such as -32767 of 16 bits. In an array of xarray they are
+samples. So floats get the fill value NaN, and integers of 16 and 32 bits become floats that hold each of their values.
 """
 
 from __future__ import annotations
@@ -16,8 +19,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from isoscope._serving import netcdf_file
+from isoscope._serving import netcdf_file, samples
 from isoscope._serving.netcdf_file import Attribute, Variable
+from isoscope._serving.progress import Progress
 from isoscope.errors import InvalidArgumentError
 
 # As core/source/grid/axis_order.cc and cf_words.cc have them.
@@ -29,6 +33,9 @@ _SCALES = ("scale_factor", "add_offset")
 _LIMITS = ("valid_min", "valid_max", "valid_range")
 _PACKING = ("_FillValue", "missing_value", *_SCALES, *_LIMITS)
 _MAX_NUMBERS = 64  # of an attribute
+# Types that hold all values of other ones.
+_EXACT = {"bool": "uint8", "float16": "float32"}
+_HOLDS = {"int16": "float32", "uint16": "float32", "int32": "float64", "uint32": "float64"}
 _AXES_OF_A_VOLUME = 3
 _COMPONENTS = range(2, 10)
 
@@ -39,7 +46,9 @@ def is_xarray(value: object) -> bool:
     return xarray is not None and isinstance(value, (xarray.DataArray, xarray.Dataset))
 
 
-def write(source: Any, path: pathlib.Path, vectors: bool | Sequence[str] = False) -> list[str]:
+def write(
+    source: Any, path: pathlib.Path, vectors: bool | Sequence[str] = False, progress: Progress | None = None
+) -> list[str]:
     """Writes the variables of numbers with three dimensions or more; returns their names.
 
     Args:
@@ -79,8 +88,13 @@ def write(source: Any, path: pathlib.Path, vectors: bool | Sequence[str] = False
         ]
         if along:
             attributes["coordinates"] = " ".join(along)
-        written.append(Variable(_checked_name(name, "variable"), tuple(dims), _samples(name, array), attributes))
-    netcdf_file.write(path, lengths, written)
+        dtype = _stored_type(name, array)
+        if not any(one in attributes for one in (*_PACKING, "_Unsigned")):
+            dtype = np.dtype(_HOLDS.get(dtype.name, dtype))
+            if dtype.kind == "f":
+                attributes["_FillValue"] = np.array([np.nan], dtype)
+        written.append(Variable(_checked_name(name, "variable"), tuple(dims), _Samples(array), attributes, dtype))
+    netcdf_file.write(path, lengths, written, progress)
     return [str(name) for name in fields]
 
 
@@ -160,7 +174,10 @@ def _coordinate(name: Any, variable: Any) -> Variable:
         variable = conventions.encode_cf_variable(variable, name=name)
         variable.attrs.setdefault("axis", "T")
     dims = tuple(map(str, variable.dims))
-    return Variable(_checked_name(name, "coordinate"), dims, _samples(name, variable), _attributes(variable, _TEXTS))
+    return Variable(
+        _checked_name(name, "coordinate"), dims, _Samples(variable), _attributes(variable, _TEXTS),
+        _stored_type(name, variable),
+    )  # fmt: skip
 
 
 def _attributes(variable: Any, names: Sequence[str]) -> dict[str, Attribute]:
@@ -185,24 +202,40 @@ def _attributes(variable: Any, names: Sequence[str]) -> dict[str, Attribute]:
 
 
 class _Samples:
-    """The samples of an xarray.Variable, which are read when they are written, as a type that files have."""
+    """The samples of an xarray.Variable, which are read or computed when they are written: `samples.LazyArray`."""
 
-    def __init__(self, variable: Any, dtype: np.dtype[Any]) -> None:
-        self.shape: tuple[int, ...] = variable.shape
-        self.dtype = dtype
-        self.chunks = variable.chunks
+    def __init__(self, variable: Any) -> None:
+        self.shape: tuple[int, ...] = tuple(map(int, variable.shape))
+        self.dtype: np.dtype[Any] = variable.dtype
+        self.chunks: samples.Chunks = (
+            samples.whole_chunks(self.shape, _chunk_of(variable), self.dtype.itemsize)
+            if variable.chunks is None
+            else variable.chunks
+        )
         self._variable = variable
 
-    def __getitem__(self, index: tuple[slice, ...]) -> npt.NDArray[Any]:
-        return np.asarray(self._variable[index].values, self.dtype)
+    def compute(self, indices: Sequence[samples.Index]) -> Sequence[npt.NDArray[Any]]:
+        # `data` of an array that was opened lazily would read all of it.
+        if self._variable.chunks is not None and samples.is_dask(self._variable.data):
+            return samples.DaskArray(self._variable.data).compute(indices)
+        return [np.asarray(self._variable[index].values) for index in indices]
 
 
-def _samples(name: Any, variable: Any) -> _Samples:
-    exact = {"bool": "uint8", "float16": "float32"}
-    dtype = exact.get(variable.dtype.name, variable.dtype.name)
+def _chunk_of(variable: Any) -> Sequence[int]:
+    """Returns the shape of the chunks of the file or store that an array was opened from; else of one sample."""
+    by_dimension = variable.encoding.get("preferred_chunks")
+    if isinstance(by_dimension, Mapping):
+        found = [by_dimension.get(dim, 1) for dim in variable.dims]
+        # Uneven ones are tuples.
+        return [int(one) if isinstance(one, (int, np.integer)) and one > 0 else 1 for one in found]
+    return [1] * len(variable.shape)
+
+
+def _stored_type(name: Any, variable: Any) -> np.dtype[Any]:
+    dtype = _EXACT.get(variable.dtype.name, variable.dtype.name)
     if dtype not in netcdf_file.TYPES:
         raise InvalidArgumentError(
-            f"variable {name!r} is of {variable.dtype}: must be one of {', '.join(netcdf_file.TYPES)}; convert it with "
-            f"astype(...), or leave it out with drop_vars({name!r})"
+            f"variable {name!r} is of {variable.dtype}: must be one of {', '.join((*netcdf_file.TYPES, *_EXACT))}; "
+            f"convert it with astype(...), or leave it out with drop_vars({name!r})"
         )
-    return _Samples(variable, np.dtype(dtype))
+    return np.dtype(dtype)

@@ -154,6 +154,171 @@ TEST(TiffSourceTest, PagesOfEveryTypeOrderCompressionAndShapeComeBackExactly) {
   }
 }
 
+// Two pages of 37 x 21 samples of so many bits, in strips or tiles.
+struct OddPage {
+  int bits = 1;
+  int format = SAMPLEFORMAT_UINT;
+  std::uint16_t compression = COMPRESSION_NONE;
+  bool is_tiled = false;
+  std::uint16_t photometric = PHOTOMETRIC_MINISBLACK;
+  std::uint16_t fill_order = FILLORDER_MSB2LSB;
+};
+
+// `rows`: the bytes of all rows of both pages.
+void WriteOddPages(const std::string& path, const char* mode, const OddPage& page,
+                   const std::string& rows) {
+  TIFF* const tiff = TIFFOpen(path.c_str(), mode);
+  ASSERT_NE(tiff, nullptr);
+  const std::size_t row_bytes = rows.size() / 42;
+  for (std::size_t z = 0; z < 2; ++z) {
+    TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 37);
+    TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 21);
+    TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, page.bits);
+    TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 1);
+    TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT, page.format);
+    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, static_cast<int>(page.photometric));
+    TIFFSetField(tiff, TIFFTAG_FILLORDER, static_cast<int>(page.fill_order));
+    TIFFSetField(tiff, TIFFTAG_COMPRESSION, static_cast<int>(page.compression));
+    if (page.is_tiled) {
+      constexpr std::uint32_t kTile = 16;
+      TIFFSetField(tiff, TIFFTAG_TILEWIDTH, kTile);
+      TIFFSetField(tiff, TIFFTAG_TILELENGTH, kTile);
+      const std::size_t tile_row = kTile * static_cast<std::size_t>(page.bits) / 8;
+      for (std::uint32_t y = 0; y < 21; y += kTile) {
+        for (std::uint32_t x = 0; x < 37; x += kTile) {
+          std::string tile(kTile * tile_row, '\0');
+          const std::size_t at = x * static_cast<std::size_t>(page.bits) / 8;
+          for (std::uint32_t row = 0; row < std::min(kTile, 21 - y); ++row) {
+            std::copy_n(rows.data() + (z * 21 + y + row) * row_bytes + at,
+                        std::min(tile_row, row_bytes - at), tile.data() + row * tile_row);
+          }
+          ASSERT_GE(TIFFWriteTile(tiff, tile.data(), x, y, 0, 0), 0);
+        }
+      }
+    } else {
+      TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 5);
+      for (std::uint32_t y = 0; y < 21; ++y) {
+        std::string row = rows.substr((z * 21 + y) * row_bytes, row_bytes);
+        ASSERT_GE(TIFFWriteScanline(tiff, row.data(), y, 0), 0);
+      }
+    }
+    ASSERT_NE(TIFFWriteDirectory(tiff), 0);
+  }
+  TIFFClose(tiff);
+}
+
+constexpr math::Index3 kOddDims{37, 21, 2};
+
+TEST(TiffSourceTest, BitsAreBytesOfZeroAndOne) {
+  const TempDir dir;
+  const std::string path = dir.Sub("v.tif");
+  std::string rows = Noise({5, 42, 1}, ScalarType::kUint8);
+  std::string expected;
+  for (std::size_t row = 0; row < 42; ++row) {
+    rows[row * 5 + 4] = static_cast<char>(rows[row * 5 + 4] & 0xf8);
+    for (std::size_t x = 0; x < 37; ++x) {
+      expected +=
+          static_cast<char>(static_cast<unsigned char>(rows[row * 5 + x / 8]) >> (7 - x % 8) & 1);
+    }
+  }
+  for (const std::uint16_t compression :
+       {std::uint16_t{COMPRESSION_NONE}, std::uint16_t{COMPRESSION_PACKBITS},
+        std::uint16_t{COMPRESSION_LZW}, std::uint16_t{COMPRESSION_ADOBE_DEFLATE},
+        std::uint16_t{COMPRESSION_CCITTFAX3}, std::uint16_t{COMPRESSION_CCITTFAX4}}) {
+    for (const bool is_tiled : {false, true}) {
+      for (const std::uint16_t photometric :
+           {std::uint16_t{PHOTOMETRIC_MINISBLACK}, std::uint16_t{PHOTOMETRIC_MINISWHITE}}) {
+        for (const std::uint16_t fill_order :
+             {std::uint16_t{FILLORDER_MSB2LSB}, std::uint16_t{FILLORDER_LSB2MSB}}) {
+          SCOPED_TRACE(absl::StrCat(compression, is_tiled, photometric, fill_order));
+          WriteOddPages(path, "wl",
+                        {.compression = compression,
+                         .is_tiled = is_tiled,
+                         .photometric = photometric,
+                         .fill_order = fill_order},
+                        rows);
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+          EXPECT_EQ(source->info().type, ScalarType::kUint8);
+          EXPECT_EQ(source->info().geometry.sample_dims, kOddDims);
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 1));
+          EXPECT_TRUE(read == expected);
+        }
+      }
+    }
+  }
+}
+
+TEST(TiffSourceTest, WideIntegersAndHalfFloatsBecomeFloats) {
+  const TempDir dir;
+  const std::string path = dir.Sub("v.tif");
+  constexpr std::size_t kCount = 37 * 42;
+  std::string integers(kCount * 8, '\0');
+  std::string halves(kCount * 2, '\0');
+  std::string doubles(kCount * 8, '\0');
+  std::string floats(kCount * 4, '\0');
+  for (std::size_t i = 0; i < kCount; ++i) {
+    const auto integer = static_cast<std::int64_t>(i) * 1'000'003;
+    const auto value = static_cast<double>(integer);
+    std::memcpy(integers.data() + 8 * i, &integer, 8);
+    std::memcpy(doubles.data() + 8 * i, &value, 8);
+    const auto half = static_cast<std::uint16_t>(0x3c00 + (i % 4) * 0x400);  // 1, 2, 4, 8
+    const float single = static_cast<float>(1 << (i % 4));
+    std::memcpy(halves.data() + 2 * i, &half, 2);
+    std::memcpy(floats.data() + 4 * i, &single, 4);
+  }
+  struct Case {
+    OddPage page;
+    const std::string& stored;
+    ScalarType type;
+    const std::string& expected;
+  };
+  for (const Case& c : {Case{{64, SAMPLEFORMAT_INT}, integers, ScalarType::kFloat64, doubles},
+                        Case{{64, SAMPLEFORMAT_UINT}, integers, ScalarType::kFloat64, doubles},
+                        Case{{16, SAMPLEFORMAT_IEEEFP}, halves, ScalarType::kFloat32, floats}}) {
+    for (const char* mode : {"wl", "wb", "w8"}) {
+      for (const bool is_tiled : {false, true}) {
+        OddPage page = c.page;
+        page.is_tiled = is_tiled;
+        page.compression = is_tiled ? COMPRESSION_LZW : COMPRESSION_NONE;
+        WriteOddPages(path, mode, page, c.stored);
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+        EXPECT_EQ(source->info().type, c.type);
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 1));
+        EXPECT_TRUE(read == c.expected) << c.page.bits << mode << is_tiled;
+      }
+    }
+  }
+  const std::int64_t beyond = (std::int64_t{1} << 53) + 1;
+  std::memcpy(integers.data() + 80, &beyond, 8);
+  WriteOddPages(path, "wl", {.bits = 64}, integers);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+  EXPECT_THAT(ReadAll(*source, 1),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("9007199254740993")));
+  WriteOddPages(path, "wl", {.bits = 4}, std::string(19 * 42, 'a'));
+  EXPECT_THAT(OpenVolumeFile(path),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("samples of 4 bits")));
+}
+
+TEST(TiffSourceTest, DamageInAFaxIsNoRowOfZeros) {
+  const TempDir dir;
+  const std::string path = dir.Sub("v.tif");
+  const std::string rows = Noise({5, 42, 1}, ScalarType::kUint8);
+  for (const std::uint16_t compression :
+       {std::uint16_t{COMPRESSION_CCITTFAX3}, std::uint16_t{COMPRESSION_CCITTFAX4}}) {
+    WriteOddPages(path, "wl", {.compression = compression}, rows);
+    const std::string whole = ReadFile(path);
+    int found = 0;
+    for (std::size_t at = 8; at + 30 < 200; at += 9) {
+      std::string damaged = whole;
+      damaged.replace(at, 30, std::string(30, '\0'));
+      WriteFile(path, damaged);
+      const auto source = OpenVolumeFile(path);
+      found += source.ok() && ReadAll(**source, 1).ok() ? 0 : 1;
+    }
+    EXPECT_GT(found, 15);
+  }
+}
+
 TEST(TiffSourceTest, PartsOfSlicesAreCutOutOfThem) {
   const TempDir dir;
   const std::string samples = Noise(kDims, ScalarType::kUint16);

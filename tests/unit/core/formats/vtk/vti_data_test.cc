@@ -1,8 +1,13 @@
 #include "core/formats/vtk/vti_data.h"
 
+#include <lz4.h>
+#include <lzma.h>
+
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/escaping.h"
@@ -120,9 +125,9 @@ TEST_F(VtiDataTest, SizesThatDoNotFitNameTheArray) {
       OpenText(text, 6).status(),
       StatusIs(absl::StatusCode::kInvalidArgument,
                AllOf(HasSubstr("array \"a\""), HasSubstr("need 6 bytes, the array says 5"))));
-  header_.compressor = "vtkLZ4DataCompressor";
+  header_.compressor = "vtkFooDataCompressor";
   EXPECT_THAT(OpenText(text, 5).status(),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("vtkLZ4DataCompressor")));
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("vtkFooDataCompressor")));
   header_.compressor = "vtkZLibDataCompressor";
   for (const std::vector<std::uint32_t>& sizes : {std::vector<std::uint32_t>{0, 5, 0, 5},
                                                   {0xffffffff, 5, 0, 5},
@@ -133,6 +138,66 @@ TEST_F(VtiDataTest, SizesThatDoNotFitNameTheArray) {
                                                   {1, 6, 0, 5}}) {
     EXPECT_THAT(OpenText(absl::Base64Escape(Sizes(sizes)) + "YWJjZGU=", 5).status(),
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("array \"a\"")));
+  }
+}
+
+std::string Lz4(const std::string& bytes) {
+  std::string out(static_cast<std::size_t>(LZ4_compressBound(static_cast<int>(bytes.size()))),
+                  '\0');
+  out.resize(static_cast<std::size_t>(LZ4_compress_default(
+      bytes.data(), out.data(), static_cast<int>(bytes.size()), static_cast<int>(out.size()))));
+  return out;
+}
+
+std::string Lzma(const std::string& bytes, std::uint32_t preset = 5) {
+  std::string out(lzma_stream_buffer_bound(bytes.size()), '\0');
+  std::size_t size = 0;
+  EXPECT_EQ(
+      lzma_easy_buffer_encode(preset, LZMA_CHECK_CRC32, nullptr,
+                              reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(),
+                              reinterpret_cast<std::uint8_t*>(out.data()), &size, out.size()),
+      LZMA_OK);
+  out.resize(size);
+  return out;
+}
+
+TEST_F(VtiDataTest, EachCompressorGivesTheSameBytesOrAnError) {
+  const std::string samples = samples_.substr(0, 20'000) + std::string(21'000, 'z');
+  const std::vector<std::pair<const char*, std::string (*)(const std::string&)>> compressors = {
+      {"vtkZLibDataCompressor", [](const std::string& b) { return Deflate(b, 15); }},
+      {"vtkLZ4DataCompressor", Lz4},
+      {"vtkLZMADataCompressor", [](const std::string& b) { return Lzma(b); }},
+      {"vtkLZMADataCompressor", [](const std::string& b) { return Lzma(b, 9); }}};
+  for (const auto& [name, compress] : compressors) {
+    header_.compressor = name;
+    std::vector<std::string> blocks;
+    for (std::size_t at = 0; at < samples.size(); at += 9000) {
+      blocks.push_back(compress(samples.substr(at, 9000)));
+    }
+    const auto text_of = [&](const std::vector<std::string>& all) {
+      std::vector<std::uint32_t> sizes{5, 9000, 5000};
+      std::string bytes;
+      for (const std::string& block : all) {
+        sizes.push_back(static_cast<std::uint32_t>(block.size()));
+        bytes += block;
+      }
+      return absl::Base64Escape(Sizes(sizes)) + absl::Base64Escape(bytes);
+    };
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto data, OpenText(text_of(blocks), samples.size()));
+    EXPECT_TRUE(ReadOf(*data, 0, samples.size()) == samples) << name;
+    EXPECT_TRUE(ReadOf(*data, 17'990, 50) == samples.substr(17'990, 50)) << name;
+    // A block of fewer bytes, of more, cut, and of another compressor.
+    const std::string whole = blocks[1];
+    for (const std::string& bad :
+         {compress(samples.substr(9000, 8999)), compress(samples.substr(9000, 9001)),
+          whole.substr(0, whole.size() / 2), std::string(100, '\xff'), std::string("x")}) {
+      blocks[1] = bad;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto damaged, OpenText(text_of(blocks), samples.size()));
+      EXPECT_THAT(ReadOf(*damaged, 9000, 1),
+                  AllOf(HasSubstr("DATA_LOSS"), HasSubstr("block 1 of 5 is damaged")))
+          << name;
+      EXPECT_TRUE(ReadOf(*damaged, 0, 9000) == samples.substr(0, 9000)) << name;
+    }
   }
 }
 

@@ -383,7 +383,8 @@ TEST_F(VtiSourceTest, WhatIsNotSupportedIsRefusedWithASentence) {
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
   };
   expect("Name=\"density\" format=\"appended\"", "Name=\"density\" format=\"hex\"", "hex");
-  expect("byte_order", "compressor=\"vtkLZ4DataCompressor\" byte_order", "vtkLZ4DataCompressor");
+  expect("byte_order", "compressor=\"vtkBloscDataCompressor\" byte_order",
+         "vtkBloscDataCompressor");
   expect("Piece Extent=\"0 12 0 6 0 8\"", "Piece Extent=\"0 12 0 6 0 4\"", "one piece");
   expect("WholeExtent=\"0 12", "WholeExtent=\"0 x", "6 numbers");
   expect("ImageData ", "RectilinearGrid ", "line");

@@ -31,7 +31,8 @@ using volume::ScalarType;
 // No member has its default. A new one does not compile here until it gets a value.
 SourceInfo FullInfo(ScalarType type) {
   SourceInfo info;
-  auto& [name, geometry, scalar, frame, note, is_resampled, is_seekable, memory_bytes] = info;
+  auto& [name, geometry, scalar, frame, note, is_resampled, is_seekable, memory_bytes, planes] =
+      info;
   name = "full";
   geometry.sample_dims = {4, 3, 2};
   geometry.spacing = {1, 2, 3};
@@ -42,6 +43,7 @@ SourceInfo FullInfo(ScalarType type) {
   is_resampled = true;
   is_seekable = false;
   memory_bytes = 1000;
+  planes = 2;
   return info;
 }
 
@@ -51,7 +53,7 @@ std::unique_ptr<VolumeSource> Full(ScalarType type = ScalarType::kInt16) {
       info, std::string(static_cast<std::size_t>(info.row_bytes()) * 6, '\0'));
 }
 
-TEST(AdaptersTest, AdjustedSourcePassesOnAllButGridAndMemory) {
+TEST(AdaptersTest, AdjustedSourcePassesOnAllButGridPlanesAndMemory) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto source,
       AdjustSource(Full(), {.crop = SampleBox{.begin = {1, 0, 0}, .end = {4, 3, 2}}, .fill = 7}));
@@ -59,6 +61,7 @@ TEST(AdaptersTest, AdjustedSourcePassesOnAllButGridAndMemory) {
   expected.geometry.sample_dims = {3, 3, 2};
   expected.geometry.origin = {5, 5, 6};
   expected.memory_bytes += 3 * 4 * 2;  // a plane
+  expected.planes_at_once = 1;
   EXPECT_TRUE(source->info() == expected);
 }
 
@@ -70,6 +73,7 @@ TEST(AdaptersTest, FilledSourceChangesItsTypeToo) {
       AdjustSource(testing::MakeMemorySource(info, std::string(48, '\0')), {.fill = 7}));
   info.type = ScalarType::kFloat32;
   info.memory_bytes += 3 * 4 * 2;
+  info.planes_at_once = 1;
   EXPECT_TRUE(source->info() == info);
 }
 
@@ -94,6 +98,7 @@ TEST(AdaptersTest, ResampledSourcePassesOnAllButGridTypeNoteAndMemory) {
   expected.type = ScalarType::kFloat32;
   expected.note = "a note; axis y was resampled: 3 samples, 1 to 2 apart, became 4, 1 apart";
   expected.memory_bytes += 2 * 4 * 3 * 2;  // two planes
+  expected.planes_at_once = 1;
   EXPECT_TRUE(source->info() == expected) << source->info().note;
 }
 
@@ -108,6 +113,7 @@ TEST(AdaptersTest, MagnitudePassesOnAllOfTheFirstButTypeAndMemory) {
   components.push_back(Full());
   SourceInfo expected = FullInfo(ScalarType::kFloat32);
   expected.memory_bytes = 2000 + 24 * 2 * 8;  // all samples, as two doubles each
+  expected.planes_at_once = 1;
   EXPECT_TRUE(MakeMagnitudeSource(std::move(components))->info() == expected);
 }
 

@@ -96,5 +96,24 @@ TEST(WideSourceTest, EveryHalfIsItsFloat) {
   }
 }
 
+TEST(WideSourceTest, BandsHaveTheirRowsAndNameThePlaceOfALargeInteger) {
+  std::vector<std::int64_t> values(2 * 2 * 3);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    values[i] = static_cast<std::int64_t>(i);
+  }
+  std::string band(2 * 2 * sizeof(double), '?');
+  ISOSCOPE_ASSERT_OK(Wide(values, WideType::kInt64)->ReadBand(1, 3, 1, 2, band.data()));
+  EXPECT_EQ(ValuesOf<double>(band), (std::vector<double>{6, 7, 10, 11}));
+  values[11] = (std::int64_t{1} << 53) + 1;
+  EXPECT_THAT(Wide(values, WideType::kInt64)->ReadBand(1, 3, 1, 2, band.data()),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("the sample at (1, 1, 2)")));
+  std::vector<std::uint16_t> halves(12, 0);
+  halves[6] = 0x3c00;
+  halves[11] = 0xc000;
+  std::string floats(2 * 2 * sizeof(float), '?');
+  ISOSCOPE_ASSERT_OK(Wide(halves, WideType::kFloat16)->ReadBand(1, 3, 1, 2, floats.data()));
+  EXPECT_EQ(ValuesOf<float>(floats), (std::vector<float>{1, 0, 0, -2}));
+}
+
 }  // namespace
 }  // namespace isoscope::source

@@ -1,0 +1,75 @@
+// The groups and arrays of a Zarr store, of either version.
+
+#ifndef ISOSCOPE_CORE_FORMATS_ZARR_ZARR_STORE_H_
+#define ISOSCOPE_CORE_FORMATS_ZARR_ZARR_STORE_H_
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/formats/zarr/zarr_json.h"
+#include "core/formats/zarr/zarr_metadata.h"
+#include "core/source/bytes/object_store.h"
+
+namespace isoscope::source {
+
+// A group, or an array.
+struct ZarrNode {
+  std::string path{};  // "" for the root
+  bool is_array = false;
+  ZarrJson attributes = ZarrJson::object();
+  // Of an array. An error if it is not one that we read: the node is there, but no volume.
+  absl::StatusOr<ZarrArray> array = absl::UnknownError("a group");
+};
+
+// Thread-compatible.
+class ZarrStore {
+ public:
+  // The names one level below a path. Not every place can list.
+  using List = std::function<absl::StatusOr<std::vector<std::string>>(const std::string& path)>;
+
+  // Reads the metadata of the root, which may hold those of all nodes ("consolidated"): these are
+  // taken for what the nodes are. NOT_FOUND: no Zarr store. INVALID_ARGUMENT: damaged metadata.
+  static absl::StatusOr<std::unique_ptr<ZarrStore>> Open(std::shared_ptr<const ObjectStore> objects,
+                                                         List list);
+
+  [[nodiscard]] const std::shared_ptr<const ObjectStore>& objects() const { return objects_; }
+  // The folder, the file or the address.
+  [[nodiscard]] const std::string& name() const { return objects_->name(); }
+  // "run.zarr:a/b", or the name of the store.
+  [[nodiscard]] std::string NameOf(const std::string& path) const;
+
+  // NOT_FOUND: no node. INVALID_ARGUMENT: damaged metadata, or no path.
+  absl::StatusOr<ZarrNode> Node(const std::string& path);
+  // The paths of the nodes one level below a group, as far as the place or consolidated metadata
+  // tell, in order. Some may be no nodes. At most 10 000.
+  absl::StatusOr<std::vector<std::string>> Children(const std::string& path);
+
+ private:
+  ZarrStore(std::shared_ptr<const ObjectStore> objects, List list);
+
+  // The texts of a node's metadata.
+  struct Texts {
+    std::optional<ZarrJson> v3{};
+    std::optional<ZarrJson> array{};
+    std::optional<ZarrJson> group{};
+    std::optional<ZarrJson> attributes{};
+  };
+  absl::StatusOr<Texts> Read(const std::string& path);
+  void TakeConsolidated2(const ZarrJson& metadata);
+  void TakeConsolidated3(const ZarrJson& root);
+
+  const std::shared_ptr<const ObjectStore> objects_;
+  const List list_;
+  std::map<std::string, Texts> consolidated_;  // by path
+};
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_FORMATS_ZARR_ZARR_STORE_H_

@@ -1,0 +1,335 @@
+// A manifest names a source, and may come from anybody. So nothing is opened before it is allowed:
+//
+//   1. DecodeSourceRequest: the members of the manifest become a request.
+//   2. The recorded path is moved (RECORDED=ACTUAL), its links are resolved, and it must lie below
+//      what is allowed.
+//   3. FilesOf: the headers name further files. All of them must be allowed, too.
+//   4. Open: one volume, with random access, of the dimensions and the type of the manifest.
+//
+// A block is copied from the units that its stored samples meet:
+//
+//   unit 0       unit 1       unit 2
+//   |............|............|......    units of a source, along one axis
+//         [=================]            stored samples of a block
+//
+// The caller compares the block's checksum, so samples that have changed are never drawn.
+
+#include "core/indexed/sample_opener.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/formats/open_request.h"
+#include "core/indexed/source_request.h"
+#include "core/indexed/unit_cache.h"
+#include "core/math/box.h"
+#include "core/source/series_parts.h"
+#include "core/source/source_stamps.h"
+#include "core/source/volume_source.h"
+#include "core/store/manifest.h"
+
+namespace isoscope::indexed {
+namespace {
+
+// Whether a path is `prefix` or lies below it.
+bool IsBelow(absl::string_view path, absl::string_view prefix) {
+  prefix = absl::StripSuffix(prefix, "/");
+  // "run.h5:/p" and "a.zarr/0" are of "run.h5" and "a.zarr".
+  return absl::ConsumePrefix(&path, prefix) && (path.empty() || path[0] == '/' || path[0] == ':');
+}
+
+// More than any bound of memory.
+constexpr std::int64_t kMostBytes = std::int64_t{1} << 60;
+
+struct OpenSource {
+  std::string name;
+  std::int64_t number = 0;
+  bool is_local = true;
+  std::int64_t stride = 1;
+  std::unique_ptr<source::VolumeSource> volume;
+};
+
+// What the readers of one opener share.
+class Sources {
+ public:
+  explicit Sources(const SourceAccess& access) : access_(access), units_(access.max_bytes) {}
+
+  absl::StatusOr<std::shared_ptr<const OpenSource>> Open(const store::Manifest& manifest)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] UnitCache& units() { return units_; }
+
+ private:
+  absl::StatusOr<std::shared_ptr<const OpenSource>> OpenNow(const store::Manifest& manifest)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  [[nodiscard]] std::string PathOf(const std::string& recorded) const;
+  [[nodiscard]] absl::Status CheckAllowed(const std::string& path, absl::string_view where) const;
+
+  const SourceAccess access_;
+  UnitCache units_;
+  base::Mutex mutex_;  // held while a source is opened: each is opened once
+  std::map<std::string, std::weak_ptr<const OpenSource>> open_ ABSL_GUARDED_BY(mutex_);
+  std::int64_t next_number_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Manifest& manifest) {
+  std::string key = manifest.dataset_id;
+  for (const auto& [name, text] : manifest.in_source->request) {
+    absl::StrAppend(&key, name, "\n", text.size(), "\n", text);
+  }
+  const base::MutexLock lock(&mutex_);
+  if (std::shared_ptr<const OpenSource> source = open_[key].lock(); source != nullptr) {
+    return source;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const OpenSource> source, OpenNow(manifest));
+  open_[key] = source;
+  return source;
+}
+
+std::string Sources::PathOf(const std::string& recorded) const {
+  for (const auto& [from, to] : access_.allowed) {
+    if (from != to && IsBelow(recorded, from)) {
+      const absl::string_view rest =
+          absl::string_view(recorded).substr(absl::StripSuffix(from, "/").size());
+      return absl::StrCat(absl::StripSuffix(to, "/"), rest);
+    }
+  }
+  return recorded;
+}
+
+absl::Status Sources::CheckAllowed(const std::string& path, absl::string_view where) const {
+  std::string resolved = path;
+  if (!IsAddress(path)) {
+    if (access_.allows_local_files) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(resolved, source::ResolvedPath(path));
+  }
+  for (const AllowedSource& allowed : access_.allowed) {
+    std::string prefix = allowed.actual;
+    if (IsAddress(prefix) != IsAddress(path)) {
+      continue;
+    }
+    if (!IsAddress(prefix)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(prefix, source::ResolvedPath(prefix));
+    }
+    if (IsBelow(resolved, prefix) && !absl::StrContains(resolved, "/..")) {
+      return absl::OkStatus();
+    }
+  }
+  return absl::PermissionDeniedError(
+      absl::StrCat(where, ": its samples are in ", path,
+                   IsAddress(path) ? "" : absl::StrCat(" (", resolved, ")"),
+                   ", which this program may not read: if you trust the dataset, allow it with "
+                   "ISOSCOPE_ALLOW_SOURCE=",
+                   path, " (of isoscope-agent also --allow-source)"));
+}
+
+absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
+    const store::Manifest& manifest) {
+  const std::string where = absl::StrCat("index-only dataset ", manifest.name);
+  ISOSCOPE_ASSIGN_OR_RETURN(source::OpenRequest request,
+                            DecodeSourceRequest(manifest.in_source->request, where));
+  const std::string recorded = request.path;
+  request.path = PathOf(recorded);
+  ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(request.path, where));
+  const auto explain = [&](const absl::Status& status) -> absl::Status {
+    if (absl::IsNotFound(status)) {
+      return absl::NotFoundError(absl::StrCat(
+          where, ": its samples are in ", recorded, ": ", status.message(),
+          "; bring it back, or say where it is now: --allow-source ", recorded, "=NEW"));
+    }
+    return absl::IsInvalidArgument(status)
+               ? absl::DataLossError(absl::StrCat(
+                     where, ": the source has changed: ", status.message(), "; partition it anew"))
+               : absl::Status(status.code(), absl::StrCat(where, ": ", status.message()));
+  };
+  const absl::StatusOr<std::vector<std::string>> files = source::FilesOf(request);
+  if (!files.ok()) {
+    return explain(files.status());
+  }
+  for (const std::string& file : *files) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(file, where));
+  }
+  const absl::StatusOr<std::unique_ptr<source::VolumeSeries>> series = source::Open(request);
+  if (!series.ok()) {
+    return explain(series.status());
+  }
+  if (!source::IsOneVolume((*series)->info())) {
+    return explain(absl::InvalidArgumentError(
+        absl::StrCat(request.path, ": has several fields or steps, expected one")));
+  }
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = (*series)->Open(0, 0, 0);
+  if (!volume.ok()) {
+    return explain(volume.status());
+  }
+  const source::SourceInfo& info = (*volume)->info();
+  const math::Index3& dims = info.geometry.sample_dims;
+  const math::Index3& expected = manifest.geometry.sample_dims;
+  if (!(dims == expected) || info.type != manifest.scalar_type ||
+      !(*volume)->box_grid().has_value()) {
+    return explain(absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d x %d x %d samples of %s, expected %d x %d x %d of %s that can be read in any order",
+        request.path, dims.x, dims.y, dims.z, volume::NameOf(info.type), expected.x, expected.y,
+        expected.z, volume::NameOf(manifest.scalar_type))));
+  }
+  return std::make_shared<const OpenSource>(OpenSource{.name = request.path,
+                                                       .number = next_number_++,
+                                                       .is_local = !IsAddress(request.path),
+                                                       .stride = request.stride,
+                                                       .volume = *std::move(volume)});
+}
+
+class UnitReader final : public store::SampleReader {
+ public:
+  UnitReader(std::shared_ptr<Sources> sources, std::shared_ptr<const OpenSource> source,
+             const volume::BlockLayout& layout, const store::SourceSamples& samples)
+      : sources_(std::move(sources)),
+        source_(std::move(source)),
+        layout_(layout),
+        type_(source_->volume->info().type),
+        origin_(samples.unit_origin),
+        unit_dims_(samples.unit_dims),
+        stride_(source_->stride) {
+    for (int axis = 0; axis < 3; ++axis) {
+      counts_[axis] = (layout_.sample_dims()[axis] - origin_[axis] - 1) / unit_dims_[axis] + 1;
+    }
+  }
+
+  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, char* out) const override {
+    const math::IndexBox stored = layout_.StoredSamplesOf(id);
+    const math::Index3 first = UnitOf(stored.begin);
+    const math::Index3 last = UnitOf(stored.end - math::Index3{1, 1, 1});
+    math::Index3 unit;
+    for (unit.z = first.z; unit.z <= last.z; ++unit.z) {
+      for (unit.y = first.y; unit.y <= last.y; ++unit.y) {
+        for (unit.x = first.x; unit.x <= last.x; ++unit.x) {
+          ISOSCOPE_RETURN_IF_ERROR(CopyFrom(unit, stored, out));
+        }
+      }
+    }
+    return absl::OkStatus();
+  }
+  [[nodiscard]] const std::string& name() const override { return source_->name; }
+  [[nodiscard]] bool is_local() const override { return source_->is_local; }
+
+ private:
+  [[nodiscard]] math::Index3 UnitOf(const math::Index3& sample) const {
+    return {(sample.x - origin_.x) / unit_dims_.x, (sample.y - origin_.y) / unit_dims_.y,
+            (sample.z - origin_.z) / unit_dims_.z};
+  }
+  // The samples of a unit that lie in the volume.
+  [[nodiscard]] math::IndexBox SamplesOf(const math::Index3& unit) const {
+    math::IndexBox box;
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::int64_t begin = origin_[axis] + unit[axis] * unit_dims_[axis];
+      box.begin[axis] = std::max<std::int64_t>(begin, 0);
+      box.end[axis] = std::min(begin + unit_dims_[axis], layout_.sample_dims()[axis]);
+    }
+    return box;
+  }
+
+  // Copies what a unit has of a block's stored samples.
+  absl::Status CopyFrom(const math::Index3& unit, const math::IndexBox& stored, char* out) const {
+    const math::IndexBox box = SamplesOf(unit);
+    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(type_));
+    const std::int64_t number = unit.x + counts_.x * (unit.y + counts_.y * unit.z);
+    const auto size = static_cast<std::size_t>(math::Volume(box.dims()) * sample_bytes);
+    const auto stride = static_cast<double>(stride_);
+    // With the samples that a stride skips.
+    const double decoded = static_cast<double>(size) * stride * stride * stride;
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::shared_ptr<const std::string> samples,
+        sources_->units().Get(
+            {source_->number, number}, size,
+            static_cast<std::size_t>(std::min(decoded, static_cast<double>(kMostBytes))),
+            [&](char* bytes) { return source_->volume->ReadBox(box, bytes); }));
+    math::IndexBox part;
+    for (int axis = 0; axis < 3; ++axis) {
+      part.begin[axis] = std::max(box.begin[axis], stored.begin[axis]);
+      part.end[axis] = std::min(box.end[axis], stored.end[axis]);
+    }
+    const auto offset_in = [&](const math::IndexBox& whole, std::int64_t y, std::int64_t z) {
+      const math::Index3 dims = whole.dims();
+      return (((z - whole.begin.z) * dims.y + y - whole.begin.y) * dims.x + part.begin.x -
+              whole.begin.x) *
+             sample_bytes;
+    };
+    const auto row_bytes = static_cast<std::size_t>(part.dims().x * sample_bytes);
+    for (std::int64_t z = part.begin.z; z < part.end.z; ++z) {
+      for (std::int64_t y = part.begin.y; y < part.end.y; ++y) {
+        std::memcpy(out + offset_in(stored, y, z), samples->data() + offset_in(box, y, z),
+                    row_bytes);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  const std::shared_ptr<Sources> sources_;
+  const std::shared_ptr<const OpenSource> source_;
+  const volume::BlockLayout layout_;
+  const volume::ScalarType type_;
+  const math::Index3 origin_;
+  const math::Index3 unit_dims_;
+  const std::int64_t stride_;
+  math::Index3 counts_;  // of units
+};
+
+}  // namespace
+
+absl::StatusOr<AllowedSource> ParseAllowedSource(absl::string_view text) {
+  const std::pair<absl::string_view, absl::string_view> sides =
+      absl::StrSplit(text, absl::MaxSplits('=', 1));
+  AllowedSource allowed{
+      .recorded = std::string(sides.first),
+      .actual = std::string(absl::StrContains(text, '=') ? sides.second : sides.first)};
+  for (const std::string& side : {allowed.recorded, allowed.actual}) {
+    if (!absl::StartsWith(side, "/") && !IsAddress(side)) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "'", text, "': expected an absolute path or an address, PREFIX or RECORDED=ACTUAL"));
+    }
+  }
+  return allowed;
+}
+
+absl::StatusOr<SourceAccess> AccessOfUser() {
+  SourceAccess access{.allows_local_files = true};
+  if (const char* const text =
+          std::getenv("ISOSCOPE_ALLOW_SOURCE");  // NOLINT(concurrency-mt-unsafe)
+      text != nullptr && *text != '\0') {
+    absl::StatusOr<AllowedSource> allowed = ParseAllowedSource(text);
+    if (!allowed.ok()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("ISOSCOPE_ALLOW_SOURCE: ", allowed.status().message()));
+    }
+    access.allowed.push_back(*std::move(allowed));
+  }
+  return access;
+}
+
+store::OpenSamples MakeSampleOpener(const SourceAccess& access) {
+  return [sources = std::make_shared<Sources>(access)](const store::Manifest& manifest)
+             -> absl::StatusOr<std::shared_ptr<const store::SampleReader>> {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const volume::BlockLayout layout,
+        volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const OpenSource> source, sources->Open(manifest));
+    return std::make_shared<const UnitReader>(sources, std::move(source), layout,
+                                              *manifest.in_source);
+  };
+}
+
+}  // namespace isoscope::indexed

@@ -1,0 +1,61 @@
+// Samples of a volume that its shards do not hold, because they lie in the source (docs/format/
+// dataset.md, "Index-only datasets"). core/indexed reads them.
+
+#ifndef ISOSCOPE_CORE_STORE_SAMPLE_READER_H_
+#define ISOSCOPE_CORE_STORE_SAMPLE_READER_H_
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/units.h"
+#include "core/math/vec.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::store {
+
+// Where the samples of level 0 are.
+struct SourceSamples {
+  // How the source is opened, as text by name (core/indexed/source_request.h); "path" is one.
+  std::map<std::string, std::string> request;
+  // Samples are read and decoded in units, and blocks are dealt out by the unit of their first
+  // sample. -unit_dims < unit_origin <= 0: the first sample of the first unit.
+  math::Index3 unit_origin{0, 0, 0};
+  math::Index3 unit_dims{1, 1, 1};
+
+  friend bool operator==(const SourceSamples&, const SourceSamples&) = default;
+};
+
+// The most bytes of a unit, and the most members of a request and bytes of each.
+inline constexpr std::int64_t kMaxUnitBytes = 64 * base::kMiB;
+inline constexpr std::size_t kMaxRequestMembers = 64;
+inline constexpr std::size_t kMaxRequestBytes = std::size_t{1} << 16;
+
+// Thread-safe.
+class SampleReader {
+ public:
+  virtual ~SampleReader() = default;
+
+  // Writes the stored samples of a block, volume::StoredSizeBytes of them, to `out`. The caller
+  // compares their checksum. Errors are those of the source, and name it.
+  [[nodiscard]] virtual absl::Status ReadBlock(volume::BlockId id, char* out) const = 0;
+  // The path or address of the source, for messages.
+  [[nodiscard]] virtual const std::string& name() const = 0;
+  // Whether the source is so near that a thread that computes may read it.
+  [[nodiscard]] virtual bool is_local() const = 0;
+};
+
+struct Manifest;
+
+// Opens the source of an index-only volume. Errors name the source: NOT_FOUND, PERMISSION_DENIED
+// (this process may not read it), DATA_LOSS (it is another volume).
+using OpenSamples =
+    std::function<absl::StatusOr<std::shared_ptr<const SampleReader>>(const Manifest& manifest)>;
+
+}  // namespace isoscope::store
+
+#endif  // ISOSCOPE_CORE_STORE_SAMPLE_READER_H_

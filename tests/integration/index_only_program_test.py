@@ -1,0 +1,202 @@
+#!/usr/bin/env python3
+"""Index-only datasets, by the real programs: made, drawn, verified, given levels, refused, served by agents.
+
+    index_only_program_test.py BIN_FOLDER [unittest arguments]
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+
+BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
+PATIENCE_S = 240  # far above what is needed
+CUT = ['--block-cells', '8', '--quiet']
+VIEW = ['--isovalue', '128', '--renderer', 'cpu', '--width', '96', '--height', '72', '--no-metadata', '--quiet']
+DIMS = (150, 90, 70)
+
+
+def run(program, *arguments, check=True):
+  done = subprocess.run([os.path.join(BIN, program), *arguments], capture_output=True, text=True, timeout=PATIENCE_S)
+  if check and done.returncode != 0:
+    raise AssertionError(f'{program} {" ".join(arguments)}: exit code {done.returncode}\n{done.stderr}')
+  return done
+
+
+def isoscope(*arguments, check=True):
+  return run('isoscope', *arguments, check=check)
+
+
+def read(path):
+  with open(path, 'rb') as file:
+    return file.read()
+
+
+class Server:
+  """A server program, and the address that it logs."""
+
+  def __init__(self, program, *arguments):
+    self.process = subprocess.Popen([os.path.join(BIN, program), '--listen', '127.0.0.1:0', *arguments],
+                                    stderr=subprocess.PIPE, text=True)
+    self.lines = []
+    self.address = None
+    started = threading.Event()
+
+    def follow():
+      for line in self.process.stderr:
+        self.lines.append(line)
+        found = re.search(r'_started .*address=(\S+)', line)
+        if found:
+          self.address = found[1]
+          started.set()
+      started.set()
+
+    threading.Thread(target=follow, daemon=True).start()
+    started.wait(PATIENCE_S)
+
+  def stop(self):
+    if self.process.poll() is None:
+      self.process.send_signal(signal.SIGINT)
+    try:
+      self.process.wait(PATIENCE_S)
+    finally:
+      self.process.kill()
+
+
+class IndexOnlyTest(unittest.TestCase):
+
+  def setUp(self):
+    self.folder = os.path.realpath(tempfile.mkdtemp())
+    self.addCleanup(shutil.rmtree, self.folder)
+    self.volume = self.path('data', 'v.nrrd')
+    os.makedirs(self.path('data'))
+    isoscope('generate', 'gyroid', '--dims', ','.join(map(str, DIMS)), '--type', 'uint8', '--output', self.volume,
+             '--quiet')
+
+  def path(self, *names):
+    return os.path.join(self.folder, *names)
+
+  def partition(self, name, *more, check=True):
+    """A dataset "d" in a folder of its own."""
+    os.makedirs(self.path(name), exist_ok=True)
+    dataset = self.path(name, 'd')
+    done = isoscope('partition', self.volume, '--output', dataset, *CUT, *more, check=check)
+    return dataset if check else done
+
+  def picture(self, source, *more):
+    output = self.path('p.png')
+    if os.path.exists(output):
+      os.remove(output)
+    isoscope('render', source, '--output', output, *VIEW, *more)
+    return read(output)
+
+  def test_pictures_are_those_of_the_copy(self):
+    copied = self.partition('a', '--levels', '1')
+    index_only = self.partition('b', '--levels', '1', '--shards', '3', '--index-only')
+    self.assertFalse(os.path.exists(os.path.join(index_only, 'shard-00000-of-00003', 'blocks.bin')))
+    self.assertTrue(
+        os.path.exists(os.path.join(index_only, 'shard-00000-of-00003', 'level_1', 'blocks.bin')))
+    for more in ([], ['--azimuth', '70', '--zoom', '3'], ['--level', '1'], ['--culling', 'none', '--threads', '1'],
+                 ['--memory-limit', '128MiB']):
+      self.assertEqual(self.picture(index_only, *more), self.picture(copied, *more), more)
+    meshes = []
+    for dataset in (copied, index_only):
+      isoscope('export', dataset, '--isovalue', '128', '--output', self.path('m.ply'), '--quiet')
+      meshes.append(read(self.path('m.ply')))
+      os.remove(self.path('m.ply'))
+    self.assertEqual(sorted(meshes[0]), sorted(meshes[1]))
+
+  def test_info_and_verify(self):
+    dataset = self.partition('b', '--shards', '2', '--index-only')
+    info = json.loads(isoscope('info', dataset, '--json').stdout)['datasets'][0]
+    self.assertEqual(info['in_source']['path'], self.volume)
+    self.assertIn(f'in {self.volume}, read in chunks of', isoscope('info', dataset).stdout)
+    self.assertIn('all checksums match', isoscope('verify', dataset).stdout)
+    with open(self.volume, 'r+b') as file:
+      file.seek(-1000, os.SEEK_END)
+      byte = file.read(1)
+      file.seek(-1000, os.SEEK_END)
+      file.write(bytes([byte[0] ^ 4]))
+    verified = isoscope('verify', dataset, check=False)
+    self.assertEqual(verified.returncode, 1)
+    self.assertIn('the source has changed', verified.stdout)
+    self.assertIn(self.volume, verified.stdout)
+    drawn = isoscope('render', dataset, '--output', self.path('p.png'), '--culling', 'none', *VIEW, check=False)
+    self.assertEqual(drawn.returncode, 1)
+    self.assertIn('the source has changed', drawn.stderr)
+    self.assertFalse(os.path.exists(self.path('p.png')))
+    os.rename(self.volume, self.path('data', 'w.nrrd'))
+    isoscope('info', dataset)
+    drawn = isoscope('render', dataset, '--output', self.path('p.png'), *VIEW, check=False)
+    self.assertEqual(drawn.returncode, 1)
+    self.assertIn(self.volume, drawn.stderr)
+    self.assertIn('bring it back', drawn.stderr)
+
+  def test_levels_can_be_added(self):
+    whole = self.partition('a', '--levels', '1', '--index-only')
+    dataset = self.partition('b', '--levels', 'none', '--index-only')
+    isoscope('partition', '--add-levels', dataset, '--levels', '1', '--quiet')
+    for folder, _, names in os.walk(whole):
+      for name in names:
+        path = os.path.join(folder, name)
+        self.assertEqual(read(path), read(os.path.join(dataset, os.path.relpath(path, whole))), path)
+    isoscope('partition', '--drop-levels', dataset, '--quiet')
+    plain = self.partition('c', '--levels', 'none', '--index-only')
+    self.assertEqual(read(os.path.join(dataset, 'manifest.json')), read(os.path.join(plain, 'manifest.json')))
+
+  def test_refusals(self):
+    for more, word in ((['--compact'], '--compact'), (['--part', '0/2'], '--part'), (['--resume'], '--resume'),
+                       (['--distribution', 'greedy'], '--distribution greedy'), (['--time', '1'], '--time'),
+                       (['--compression', 'lz4'], '--compression')):
+      done = self.partition('e', '--index-only', *more, check=False)
+      self.assertEqual(done.returncode, 2, done.stderr)
+      self.assertIn(f"{word} can't be used with --index-only", done.stderr)
+    done = self.partition('e', '--index-only', '--shards', '100', check=False)
+    self.assertEqual(done.returncode, 1)
+    self.assertIn('use at most as many shards', done.stderr)
+
+  def test_agents_read_what_is_allowed(self):
+    dataset = self.partition('b', '--shards', '2', '--index-only')
+    expected = self.picture(dataset)
+    refused = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
+    refused.stop()
+    self.assertNotEqual(refused.process.returncode, 0)
+    self.assertIn('--allow-source', ''.join(refused.lines))
+    moved = self.path('elsewhere')
+    os.rename(self.path('data'), moved)
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source',
+                   self.path('data') + '=' + moved)
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+    output = self.path('served.png')
+    isoscope('render', '--server', coordinator.address, '--output', output, *VIEW[:2], '--width', '96', '--height',
+             '72', '--no-metadata', '--quiet')
+    self.assertEqual(read(output), expected)
+    # Another agent meets changed samples: an error, which keeps the folder to itself.
+    agent.stop()
+    coordinator.stop()
+    with open(os.path.join(moved, 'v.nrrd'), 'r+b') as file:
+      header = file.read(4096).index(b'\n\n') + 2
+      file.seek(header)
+      file.write(bytes(DIMS[0] * DIMS[1] * DIMS[2]))
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source',
+                   self.path('data') + '=' + moved)
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+    done = isoscope('render', '--server', coordinator.address, '--isovalue', '129', '--culling', 'none', '--output',
+                    self.path('no.png'), '--quiet', check=False)
+    self.assertEqual(done.returncode, 1)
+    self.assertIn('the source has changed', done.stderr)
+    self.assertNotIn(moved, done.stderr)
+
+
+if __name__ == '__main__':
+  unittest.main()

@@ -1,0 +1,361 @@
+// The same files are opened on the disk and at an address: both give the same volumes.
+
+#include "core/formats/address_source.h"
+
+#include <algorithm>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/formats/find_volume.h"
+#include "core/formats/open_request.h"
+#include "core/formats/source_labels.h"
+#include "core/io/file.h"
+#include "core/source/bytes/raw_file.h"
+#include "core/source/source_stamps.h"
+#include "tests/support/folder_test.h"
+#include "tests/support/scripted_server.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/volume_files.h"
+#include "tests/support/zip_writer.h"
+#include "tests/unit/core/formats/arrays/npy_bytes.h"
+#include "tests/unit/core/formats/stacks/tiff_files.h"
+#include "tests/unit/core/formats/vtk/vti_bytes.h"
+#include "tests/unit/core/formats/zarr/zarr_files.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::Each;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using ::testing::Not;
+using testing::ServedConnection;
+using testing::ServedRequest;
+using ::testing::StartsWith;
+using testing::StatusIs;
+
+constexpr math::Index3 kDims{37, 29, 23};
+constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+
+// Serves the files below the test's folder.
+class AddressSourceTest : public testing::FolderTest {
+ protected:
+  AddressSourceTest()
+      : server_([this](const ServedRequest& request, ServedConnection* connection) {
+          Serve(request, connection);
+        }) {}
+
+  void Serve(const ServedRequest& request, ServedConnection* connection) {
+    const std::string path = request.target.substr(0, request.target.find('?'));
+    const auto bytes = io::ReadWholeFile(dir_.Sub(path.substr(1)), 1 << 28);
+    if (!bytes.ok()) {
+      connection->Send(testing::Answer(404, "", "<html>no such thing</html>"));
+    } else if (!knows_ranges_) {
+      connection->Send(testing::Answer(200, "ETag: \"v1\"\r\n", *bytes));
+    } else {
+      testing::ServeObject({.bytes = *bytes, .etag = etag_}, request, connection);
+    }
+  }
+
+  std::string At(const std::string& path) const {
+    return absl::StrCat(server_.origin(), "/", path);
+  }
+
+  // All samples of the first volume, behind what its source says.
+  static absl::StatusOr<std::string> WholeOf(const OpenRequest& request) {
+    const auto series = Open(request);
+    if (!series.ok()) {
+      return series.status();
+    }
+    auto source = (*series)->Open(0, 0, 0);
+    if (!source.ok()) {
+      return source.status();
+    }
+    const auto samples = testing::ReadAll(**source, 5);
+    if (!samples.ok()) {
+      return samples.status();
+    }
+    const SourceInfo& info = (*source)->info();
+    const auto& g = info.geometry;
+    return absl::StrCat(g.sample_dims.x, " ", g.sample_dims.y, " ", g.sample_dims.z, " ",
+                        g.spacing.x, " ", g.spacing.y, " ", g.spacing.z, " ", g.origin.x, " ",
+                        volume::NameOf(info.type), " ", (*series)->info().fields[0].name, "\n",
+                        *samples);
+  }
+
+  void ExpectEqual(const std::string& path, OpenRequest request = {}) {
+    SCOPED_TRACE(path);
+    request.path = dir_.Sub(path);
+    const auto local = WholeOf(request);
+    ASSERT_THAT(local.status(), IsOk());
+    request.path = At(path);
+    const auto remote = WholeOf(request);
+    ASSERT_THAT(remote.status(), IsOk());
+    EXPECT_TRUE(*local == *remote);
+  }
+
+  static absl::Status StatusOfOpen(const std::string& path) {
+    return WholeOf({.path = path}).status();
+  }
+
+  void WriteZarr(const std::string& name) {
+    testing::Objects objects = ZarrObjects();
+    for (const auto& [key, bytes] : objects) {
+      dir_.Write(absl::StrCat(name, "/", key), bytes);
+    }
+  }
+  static testing::Objects ZarrObjects() {
+    testing::Objects objects = {{"zarr.json", testing::Zarr3Group()}};
+    objects["a/zarr.json"] = testing::Zarr3Text({23, 29, 37}, {8, 16, 16}, "uint16");
+    testing::AddChunks("a", testing::PlainArray::Counting({23, 29, 37}, 2),
+                       {.chunk_dims = {8, 16, 16}, .fill = std::string(2, '\0')}, true, &objects);
+    return objects;
+  }
+
+  std::string samples_ = testing::Noise(kDims, volume::ScalarType::kUint16);
+  std::string etag_ = "\"v1\"";
+  bool knows_ranges_ = true;
+  testing::ScriptedServer server_;
+};
+
+TEST_F(AddressSourceTest, HeadersAndSamplesAreThoseOfTheFile) {
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  dir_.Write("a.mha", testing::MetaHeader(kDims, "MET_USHORT", "LOCAL") + samples_);
+  dir_.Write("a.nii", testing::NiftiHeaderBytes({.dims = kDims, .datatype = 512}) + samples_);
+  dir_.Write("without_ending", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  dir_.Write("a.npy", testing::NpyBytes("<u2", "(23, 29, 37)", samples_));
+  dir_.Write("a.vti",
+             testing::VtiBytes({.extent = "0 36 0 28 0 22",
+                                .fields = {{.name = "p", .type = "UInt16", .samples = samples_}}}));
+  for (const char* const path :
+       {"a.nrrd", "a.mha", "a.nii", "without_ending", "a.npy", "a.vti", "a.vti:p"}) {
+    ExpectEqual(path);
+  }
+}
+
+TEST_F(AddressSourceTest, ARawFileIsReadByRanges) {
+  dir_.Write("a b.raw", std::string(7, 'h') + samples_);
+  OpenRequest request{
+      .path = At("a%20b.raw"),
+      .raw = RawFormat{.dims = kDims, .type = volume::ScalarType::kUint16, .header_bytes = 7}};
+  dir_.Write("a%20b.raw", std::string(7, 'h') + samples_);  // the script decodes nothing
+  const auto remote = WholeOf(request);
+  ASSERT_THAT(remote.status(), IsOk());
+  EXPECT_TRUE(absl::EndsWith(*remote, samples_));
+  request.raw->dims.z += 1;
+  EXPECT_THAT(WholeOf(request).status(), StatusIs(kInvalid, HasSubstr("the file has")));
+}
+
+TEST_F(AddressSourceTest, PagesOfTiffAreThoseOfTheFile) {
+  ASSERT_TRUE(testing::WriteTiffStack(dir_.Sub("a.tif"), {.width = 300, .height = 40, .pages = 9}));
+  ASSERT_TRUE(
+      testing::WriteTiffStack(dir_.Sub("b.tif"), {.width = 30, .height = 20, .mode = "wb8"}));
+  for (const char* const path : {"a.tif", "b.tif"}) {
+    ExpectEqual(path);
+  }
+  dir_.Write("cut.tif", testing::ReadFile(dir_.Sub("a.tif")).substr(0, 5000));
+  EXPECT_FALSE(StatusOfOpen(At("cut.tif")).ok());
+}
+
+TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {
+  const math::Index3 large{256, 256, 64};
+  dir_.Write("large.nrrd", testing::NrrdHeader(large, "uint8", "raw") +
+                               testing::Noise(large, volume::ScalarType::kUint8));
+  const auto series = Open({.path = At("large.nrrd")});
+  ASSERT_THAT(series.status(), IsOk());
+  ASSERT_THAT((*series)->Open(0, 0, 0).status(), IsOk());
+  // One block, and the first byte; text headers may have 4 MiB.
+  EXPECT_LE(server_.request_count(), 6);
+}
+
+TEST_F(AddressSourceTest, AStoreOfZarrIsAFolderWithoutAList) {
+  WriteZarr("run.zarr");
+  WriteZarr("plain");
+  WriteZarr("with.dot");
+  for (const char* const path : {"run.zarr:a", "run.zarr/a", "plain:a", "with.dot:a"}) {
+    SCOPED_TRACE(path);
+    const auto local = WholeOf({.path = dir_.Sub(path)});
+    const auto remote = WholeOf({.path = At(path)});
+    ASSERT_THAT(local.status(), IsOk());
+    ASSERT_THAT(remote.status(), IsOk());
+    EXPECT_TRUE(*local == *remote);
+  }
+}
+
+TEST_F(AddressSourceTest, AZippedStoreIsReadByRanges) {
+  testing::ZipWriter zip;
+  for (const auto& [key, bytes] : ZarrObjects()) {
+    zip.Add(key, bytes, /*is_deflated=*/false);
+  }
+  dir_.Write("run.zip", zip.Finish());
+  dir_.Write("run.ozx", zip.Finish());
+  ExpectEqual("run.zip:a");
+  ExpectEqual("run.ozx:a");
+}
+
+TEST_F(AddressSourceTest, StampsOfAStoreTellNotAll) {
+  WriteZarr("run.zarr");
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  const auto files = FilesOf({.path = At("run.zarr:a")});
+  ASSERT_THAT(files.status(), IsOk());
+  EXPECT_THAT(*files, Contains(At("run.zarr/zarr.json")));
+  EXPECT_THAT(*files, Contains(At("run.zarr/a/zarr.json")));
+  EXPECT_FALSE(StampsTellAll(*files));
+  const auto before = StampsOf(*files);
+  ASSERT_THAT(before.status(), IsOk());
+  dir_.Write("run.zarr/zarr.json", testing::Zarr3Group(R"({"changed": 1})"));
+  ASSERT_THAT(FilesOf({.path = At("run.zarr:a")}).status(), IsOk());
+  EXPECT_NE(*StampsOf(*files), *before);
+
+  const auto one = FilesOf({.path = At("a.nrrd")});
+  ASSERT_THAT(one.status(), IsOk());
+  EXPECT_TRUE(StampsTellAll(*one));
+  EXPECT_THAT(*StampsOf(*one), HasSubstr("\"v1\""));
+}
+
+TEST_F(AddressSourceTest, AnObjectWithoutAVersionTellsNotAll) {
+  etag_ = "";
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  const auto files = FilesOf({.path = At("a.nrrd")});
+  ASSERT_THAT(files.status(), IsOk());
+  EXPECT_FALSE(StampsTellAll(*files));
+}
+
+TEST_F(AddressSourceTest, AnObjectThatChangesIsNoMixture) {
+  const math::Index3 large{256, 256, 64};
+  dir_.Write("b.nrrd", testing::NrrdHeader(large, "uint8", "raw") +
+                           testing::Noise(large, volume::ScalarType::kUint8));
+  etag_ = "\"w1\"";
+  const auto other = Open({.path = At("b.nrrd")});
+  ASSERT_THAT(other.status(), IsOk());
+  auto volume = (*other)->Open(0, 0, 0);
+  ASSERT_THAT(volume.status(), IsOk());
+  etag_ = "\"w2\"";
+  EXPECT_THAT(testing::ReadAll(**volume, 64).status(), StatusIs(absl::StatusCode::kDataLoss));
+}
+
+TEST_F(AddressSourceTest, WhatNeedsTheWholeFileSaysSo) {
+  const std::string header = testing::NrrdHeader(kDims, "uint16", "gzip");
+  dir_.Write("a.nrrd", header + testing::Gzip(samples_));
+  dir_.Write("a.nii.gz",
+             testing::Gzip(testing::NiftiHeaderBytes({.dims = kDims, .datatype = 512}) + samples_));
+  dir_.Write("a.dcm", std::string(128, '\0') + "DICM");
+  for (const char* const path : {"a.nrrd", "a.nii.gz", "a.dcm"}) {
+    EXPECT_THAT(StatusOfOpen(At(path)),
+                StatusIs(kInvalid, AllOf(HasSubstr("whole file"),
+                                         HasSubstr(absl::StrCat("isoscope copy ", At(path))))))
+        << path;
+  }
+}
+
+// A file from elsewhere must not name files of this machine.
+TEST_F(AddressSourceTest, NoNameInAFileLeadsToAnother) {
+  dir_.Write("a.raw", samples_);
+  for (const std::string& name : {std::string("a.raw"), dir_.Sub("a.raw"), At("a.raw")}) {
+    dir_.Write("a.nhdr", testing::NrrdHeader(kDims, "uint16", "raw",
+                                             absl::StrCat("data file: ", name, "\n")));
+    dir_.Write("a.mhd", testing::MetaHeader(kDims, "MET_USHORT", name));
+    for (const char* const path : {"a.nhdr", "a.mhd"}) {
+      EXPECT_THAT(StatusOfOpen(At(path)), StatusIs(kInvalid, HasSubstr("in another file")))
+          << path << " " << name;
+    }
+  }
+  dir_.Write("a.vti",
+             testing::VtiBytes({.extent = "0 36 0 28 0 22",
+                                .fields = {{.name = "p", .type = "UInt16", .samples = samples_}}}));
+  dir_.Write("a.pvd",
+             absl::StrCat("<?xml version=\"1.0\"?><VTKFile type=\"Collection\"><Collection>"
+                          "<DataSet timestep=\"0\" file=\"",
+                          dir_.Sub("a.vti"), "\"/></Collection></VTKFile>"));
+  EXPECT_THAT(StatusOfOpen(dir_.Sub("a.pvd")), IsOk());
+  EXPECT_THAT(StatusOfOpen(At("a.pvd")), StatusIs(kInvalid, HasSubstr("lists other files")));
+  dir_.Write("p.img", samples_);
+  dir_.Write("p.hdr", testing::NiftiHeaderBytes({.dims = kDims, .datatype = 512, .is_pair = true}));
+  EXPECT_FALSE(StatusOfOpen(At("p.img")).ok());
+  EXPECT_FALSE(StatusOfOpen(At("p.hdr")).ok());
+}
+
+TEST_F(AddressSourceTest, WhatIsNotThereIsSaidOnce) {
+  EXPECT_THAT(StatusOfOpen(At("none.nrrd")),
+              StatusIs(absl::StatusCode::kNotFound,
+                       AllOf(StartsWith(At("none.nrrd")), HasSubstr("neither an object nor"))));
+  const int count = server_.request_count();
+  EXPECT_THAT(StatusOfOpen(At("none.nrrd")), StatusIs(absl::StatusCode::kNotFound));
+  EXPECT_EQ(server_.request_count(), count);
+  EXPECT_THAT(StatusOfOpen(At("none.zarr")),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("no Zarr store")));
+}
+
+TEST_F(AddressSourceTest, AServerWithoutRangesIsRefusedByName) {
+  knows_ranges_ = false;
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  EXPECT_THAT(StatusOfOpen(At("a.nrrd")),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("ranges")));
+  // Chunks are whole objects.
+  WriteZarr("run.zarr");
+  EXPECT_THAT(StatusOfOpen(At("run.zarr:a")), IsOk());
+}
+
+TEST_F(AddressSourceTest, NoTextHasTheQuery) {
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  const std::string secret = "c2VjcmV0";
+  const std::string address = At("a.nrrd?X-Amz-Signature=") + secret;
+  const auto path = PathOfSource(address);
+  ASSERT_THAT(path.status(), IsOk());
+  EXPECT_EQ(*path, At("a.nrrd"));
+  const OpenRequest request{.path = address};
+  const auto series = OpenIdentified(request);
+  ASSERT_THAT(series.status(), IsOk());
+  EXPECT_THAT((*series)->info().name, Not(HasSubstr(secret)));
+  EXPECT_THAT(*(*series)->IdentityOfStep(0), Not(HasSubstr(secret)));
+  EXPECT_THAT(*Describe(request), Not(HasSubstr(secret)));
+  EXPECT_THAT(*FilesOf(request), Each(Not(HasSubstr(secret))));
+  const std::vector<ServedRequest> requests = server_.requests();
+  EXPECT_TRUE(std::all_of(requests.begin(), requests.end(), [&](const ServedRequest& r) {
+    return absl::StrContains(r.target, secret);
+  }));
+  // Another address of the same path would be read as the first.
+  EXPECT_THAT(PathOfSource(At("a.nrrd?id=2")).status(),
+              StatusIs(kInvalid, AllOf(HasSubstr("another query"), Not(HasSubstr(secret)))));
+  EXPECT_THAT(PathOfSource("https://ada:" + secret + "@host/x").status(),
+              StatusIs(kInvalid, Not(HasSubstr(secret))));
+  EXPECT_EQ(*PathOfSource("/data/a.nrrd"), "/data/a.nrrd");
+}
+
+TEST_F(AddressSourceTest, StampsTellQueriesApart) {
+  dir_.Write("one", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  dir_.Write("two", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+  const auto version = [&](const std::string& address) {
+    const auto files = FilesOf({.path = address});
+    const auto stamps = files.ok() ? StampsOf(*files) : files.status();
+    EXPECT_THAT(stamps.status(), IsOk());
+    return stamps.ok() ? stamps->substr(stamps->find('\n')) : "";
+  };
+  const std::string plain = version(At("one"));
+  EXPECT_NE(version(At("two?id=1")), plain);
+}
+
+TEST_F(AddressSourceTest, LabelsAreReadOfTheHeader) {
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw",
+                                           "Segment0_LabelValue:=3\nSegment0_Name:=Kidney\n") +
+                           samples_);
+  const auto labels = ReadSourceLabels(At("a.nrrd"));
+  ASSERT_THAT(labels.status(), IsOk());
+  const auto local = ReadSourceLabels(dir_.Sub("a.nrrd"));
+  ASSERT_THAT(local.status(), IsOk());
+  EXPECT_EQ(labels->size(), local->size());
+}
+
+}  // namespace
+}  // namespace isoscope::source

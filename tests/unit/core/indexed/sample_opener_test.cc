@@ -1,0 +1,337 @@
+#include "core/indexed/sample_opener.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/partition/distribution.h"
+#include "core/volume/block_layout.h"
+#include "tests/support/draws.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/core/indexed/indexed_fixture.h"
+
+namespace isoscope::indexed {
+namespace {
+
+using ::isoscope::testing::Cut;
+using ::isoscope::testing::ReadBlocks;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::StoredBlocks;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+namespace fs = std::filesystem;
+
+constexpr SourceAccess kOwn{.allows_local_files = true};
+
+// The bits of a sample are those of `type`; 64-bit integers have zeros behind them.
+struct Kind {
+  volume::ScalarType type;
+  const char* dtype;
+  std::size_t bytes;
+};
+constexpr std::array<Kind, 7> kKinds = {{{volume::ScalarType::kUint8, "|u1", 1},
+                                         {volume::ScalarType::kInt16, "<i2", 2},
+                                         {volume::ScalarType::kUint16, "<u2", 2},
+                                         {volume::ScalarType::kUint16, ">u2", 2},
+                                         {volume::ScalarType::kUint16, "<f2", 2},
+                                         {volume::ScalarType::kUint8, "<i8", 8},
+                                         {volume::ScalarType::kFloat32, "<f4", 4}}};
+
+class SampleOpenerTest : public ::testing::Test {
+ protected:
+  // A volume of noise as a raw file, and its request.
+  source::OpenRequest WriteRaw(const math::Index3& dims, const Kind& kind) {
+    samples_ = testing::SampleNoise(7, dims, kind.type, 100);
+    testing::WriteFile(dir_.Sub("a.raw"), std::string(13, 'h') + samples_);
+    return {.path = dir_.Sub("a.raw"),
+            .raw = source::RawFormat{.dims = dims,
+                                     .type = kind.type,
+                                     .is_big_endian = kind.dtype[0] == '>',
+                                     .header_bytes = 13}};
+  }
+  source::OpenRequest WriteZarr(const math::Index3& dims, const Kind& kind,
+                                const math::Index3& chunk) {
+    const std::string noise = testing::SampleNoise(7, dims, kind.type, 100);
+    const std::size_t size = volume::SizeOf(kind.type);
+    samples_.clear();
+    for (std::size_t i = 0; i < noise.size(); i += size) {
+      samples_ += noise.substr(i, size) + std::string(kind.bytes - size, '\0');
+    }
+    testing::WriteZarr(dir_.Sub("a.zarr"), dims, kind.dtype, kind.bytes, chunk, samples_);
+    return {.path = dir_.Sub("a.zarr")};
+  }
+  partition::PartitionOptions OptionsTo(const std::string& name) const {
+    partition::PartitionOptions options;
+    options.output_directory = dir_.Sub(name);
+    return options;
+  }
+  // A small index-only dataset "d" of a raw file.
+  store::Manifest MakeSmall() {
+    const source::OpenRequest request = WriteRaw({30, 20, 10}, kKinds[2]);
+    partition::PartitionOptions options = OptionsTo("d");
+    options.block_cells = {8, 8, 8};
+    auto manifest = Cut(request, options, true);
+    EXPECT_THAT(manifest, testing::IsOk());
+    return *manifest;
+  }
+  absl::Status Read(const store::Manifest& manifest, const SourceAccess& access) const {
+    return ReadBlocks(dir_.Sub("d"), manifest, MakeSampleOpener(access)).status();
+  }
+
+  testing::TempDir dir_;
+  std::string samples_;
+};
+
+// Any grid, chunks, crop, stride, fill, blocks and shards: the blocks are those of the copy.
+TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
+  testing::Dice dice(testing::DrawSeed());
+  constexpr int kDatasets = 60;
+  for (int i = 0; i < kDatasets; ++i) {
+    SCOPED_TRACE(i);
+    const math::Index3 dims{dice.Whole(4, 70), dice.Whole(4, 60), dice.Whole(4, 50)};
+    const Kind kind = dice.OneOf(kKinds);
+    const math::Index3 chunk{dice.Whole(1, 40), dice.Whole(1, 40), dice.Whole(1, 40)};
+    source::OpenRequest request =
+        dice.OneIn(3) ? WriteRaw(dims, kind) : WriteZarr(dims, kind, chunk);
+    if (dice.OneIn(2)) {
+      source::SampleBox& crop = request.crop.emplace();
+      for (int axis = 0; axis < 3; ++axis) {
+        crop.begin[axis] = dice.Whole(0, dims[axis] - 4);
+        crop.end[axis] = dice.Whole(crop.begin[axis] + 4, dims[axis]);
+      }
+    }
+    request.stride = dice.OneIn(3) ? dice.Whole(2, 3) : 1;
+    if (dice.OneIn(3)) {
+      request.fill = 3;
+    }
+    const auto series = source::Open(request);
+    ISOSCOPE_ASSERT_OK(series.status());
+    partition::PartitionOptions options = OptionsTo(absl::StrCat("copy", i));
+    options.block_cells = {dice.Whole(1, 20), dice.Whole(1, 20), dice.Whole(1, 20)};
+    options.levels.highest = 0;
+    auto copied = Cut(request, options, false);
+    if (absl::IsInvalidArgument(copied.status())) {
+      continue;  // fewer than two samples on an axis
+    }
+    ISOSCOPE_ASSERT_OK(copied.status());
+    options.output_directory = dir_.Sub(absl::StrCat("index", i));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest one, Cut(request, options, true));
+    const auto layout = *volume::BlockLayout::Make(one.geometry.sample_dims, one.block_cells);
+    const partition::BlockUnits units(layout, *one.in_source);
+    options.shard_count =
+        static_cast<int>(dice.Whole(1, std::min<std::int64_t>(units.unit_count(), 7)));
+    options.seed = dice.Bits();
+    options.output_directory = dir_.Sub(absl::StrCat("shards", i));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest, Cut(request, options, true));
+    EXPECT_EQ(manifest.samples_digest, copied->samples_digest);
+    EXPECT_EQ(manifest.range_table_crc32c, copied->range_table_crc32c);
+    EXPECT_EQ(manifest.value_range, copied->value_range);
+    EXPECT_FALSE(
+        fs::exists(testing::ShardPath(options.output_directory, manifest, 0) + "/blocks.bin"));
+
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StoredBlocks expected,
+                                  ReadBlocks(dir_.Sub(absl::StrCat("copy", i)), *copied));
+    SourceAccess access = kOwn;
+    // With a stride more is decoded for each unit.
+    access.max_bytes = request.stride > 1 ? access.max_bytes : std::size_t{8} << 20;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const StoredBlocks found,
+        ReadBlocks(options.output_directory, manifest, MakeSampleOpener(access)));
+    ASSERT_EQ(found.samples, expected.samples);
+    // Blocks of one unit are in one shard, and no shard is empty.
+    std::map<std::uint32_t, std::size_t> shard_of_unit;
+    for (const auto& [id, shard] : found.shards) {
+      ASSERT_EQ(shard_of_unit.emplace(units.UnitOf(id), shard).first->second, shard);
+    }
+    for (const store::ShardSummary& shard : manifest.shards) {
+      EXPECT_GT(shard.block_count, 0);
+    }
+    for (const char* name : {"copy", "index", "shards", "a.zarr"}) {
+      fs::remove_all(dir_.Sub(absl::StrCat(name, name[0] == 'a' ? "" : absl::StrCat(i))));
+    }
+  }
+}
+
+TEST_F(SampleOpenerTest, AChangedSourceIsDataLoss) {
+  const store::Manifest manifest = MakeSmall();
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
+  // Each sample is one of some block.
+  testing::Dice dice(testing::DrawSeed());
+  for (int i = 0; i < 200; ++i) {
+    std::string bytes = std::string(13, 'h') + samples_;
+    const auto at = static_cast<std::size_t>(dice.Whole(13, std::int64_t(bytes.size()) - 1));
+    bytes[at] = static_cast<char>(bytes[at] ^ (1 << dice.Whole(0, 7)));
+    testing::WriteFile(dir_.Sub("a.raw"), bytes);
+    ASSERT_THAT(Read(manifest, kOwn),
+                StatusIs(absl::StatusCode::kDataLoss,
+                         AllOf(HasSubstr("a.raw"), HasSubstr("the source has changed"))))
+        << at;
+  }
+  // What is no sample does not count, nor does the time of the change.
+  testing::WriteFile(dir_.Sub("a.raw"), std::string(13, 'g') + samples_);
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
+  // Cut off: the opener sees it.
+  testing::WriteFile(dir_.Sub("a.raw"), std::string(13, 'h') + samples_.substr(1));
+  EXPECT_THAT(Read(manifest, kOwn),
+              StatusIs(absl::StatusCode::kDataLoss,
+                       AllOf(HasSubstr("a.raw"), HasSubstr("the source has changed"))));
+}
+
+TEST_F(SampleOpenerTest, AMissingOrDamagedChunkIsDataLoss) {
+  const source::OpenRequest request = WriteZarr({30, 20, 10}, kKinds[2], {8, 8, 8});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest, Cut(request, OptionsTo("d"), true));
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
+  const std::string chunk = dir_.Sub("a.zarr/1.1.1");
+  const std::string bytes = testing::ReadFile(chunk);
+  fs::remove(chunk);  // its samples are the fill value then
+  EXPECT_THAT(Read(manifest, kOwn), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("a.zarr")));
+  testing::WriteFile(chunk, bytes.substr(0, bytes.size() / 2));
+  EXPECT_THAT(Read(manifest, kOwn), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("a.zarr")));
+  // The same samples, stored in another way.
+  testing::WriteFile(chunk, bytes);
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
+  fs::remove(dir_.Sub("a.zarr/.zarray"));
+  fs::remove_all(dir_.Sub("a.zarr"));
+  testing::WriteZarr(dir_.Sub("a.zarr"), {30, 20, 10}, "<u2", 2, {5, 9, 7}, samples_);
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
+  // Another volume.
+  fs::remove_all(dir_.Sub("a.zarr"));
+  testing::WriteZarr(dir_.Sub("a.zarr"), {20, 30, 10}, "<u2", 2, {8, 8, 8}, samples_);
+  EXPECT_THAT(Read(manifest, kOwn),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("20 x 30 x 10")));
+}
+
+TEST_F(SampleOpenerTest, AMissingSourceIsNotFound) {
+  const store::Manifest manifest = MakeSmall();
+  fs::rename(dir_.Sub("a.raw"), dir_.Sub("b.raw"));
+  EXPECT_THAT(Read(manifest, kOwn),
+              StatusIs(absl::StatusCode::kNotFound,
+                       AllOf(HasSubstr("a.raw"), HasSubstr("--allow-source"))));
+  fs::create_directory(dir_.Sub("other"));
+  fs::rename(dir_.Sub("b.raw"), dir_.Sub("other/a.raw"));
+  const std::string recorded = fs::canonical(dir_.Sub("d")).parent_path().string();
+  ISOSCOPE_EXPECT_OK(
+      Read(manifest, {.allowed = {{.recorded = recorded, .actual = recorded + "/other"}}}));
+}
+
+// A manifest can make no agent read what its operator does not allow.
+TEST_F(SampleOpenerTest, OnlyAllowedSourcesAreRead) {
+  const store::Manifest manifest = MakeSmall();
+  const std::string root = fs::canonical(dir_.Sub("d")).parent_path().string();
+  const auto allowing = [](const std::string& prefix) {
+    return SourceAccess{.allowed = {{.recorded = prefix, .actual = prefix}}};
+  };
+  EXPECT_THAT(Read(manifest, {}), StatusIs(absl::StatusCode::kPermissionDenied,
+                                           AllOf(HasSubstr("a.raw"), HasSubstr("--allow-source"))));
+  ISOSCOPE_EXPECT_OK(Read(manifest, allowing(root)));
+  ISOSCOPE_EXPECT_OK(Read(manifest, allowing(root + "/")));
+  ISOSCOPE_EXPECT_OK(Read(manifest, allowing(root + "/a.raw")));
+  ISOSCOPE_EXPECT_OK(Read(manifest, allowing("/")));
+  EXPECT_THAT(Read(manifest, allowing(root + "/a")), StatusIs(absl::StatusCode::kPermissionDenied));
+  EXPECT_THAT(Read(manifest, allowing(root + "/d")), StatusIs(absl::StatusCode::kPermissionDenied));
+  EXPECT_THAT(Read(manifest, allowing("https://example.org/")),
+              StatusIs(absl::StatusCode::kPermissionDenied));
+  // A link leads out of the folder.
+  fs::create_directory(root + "/in");
+  fs::create_symlink(root + "/a.raw", root + "/in/link.raw");
+  store::Manifest linked = manifest;
+  linked.in_source->request["path"] = root + "/in/link.raw";
+  const auto open = [](const store::Manifest& opened, const SourceAccess& access) {
+    return MakeSampleOpener(access)(opened).status();
+  };
+  EXPECT_THAT(open(linked, allowing(root + "/in")), StatusIs(absl::StatusCode::kPermissionDenied));
+  ISOSCOPE_EXPECT_OK(open(linked, allowing(root)));
+  // So does a path.
+  linked.in_source->request["path"] = root + "/in/../a.raw";
+  EXPECT_THAT(open(linked, allowing(root + "/in")), StatusIs(absl::StatusCode::kPermissionDenied));
+  // A header names samples elsewhere.
+  testing::WriteFile(root + "/in/a.nhdr",
+                     "NRRD0004\ntype: uint16\ndimension: 3\nsizes: 30 20 10\nencoding: raw\n"
+                     "endian: little\nbyte skip: 13\ndata file: ../a.raw\n");
+  linked.in_source->request = {{"path", root + "/in/a.nhdr"}};
+  EXPECT_THAT(open(linked, allowing(root + "/in")),
+              StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("a.raw")));
+  ISOSCOPE_EXPECT_OK(open(linked, allowing(root)));
+  // An address is fetched by nobody who does not allow it.
+  linked.in_source->request = {{"path", "http://127.0.0.1:1/a.zarr"}};
+  EXPECT_THAT(open(linked, kOwn), StatusIs(absl::StatusCode::kPermissionDenied));
+  EXPECT_THAT(open(linked, allowing("/")), StatusIs(absl::StatusCode::kPermissionDenied));
+}
+
+TEST_F(SampleOpenerTest, OthersAreRefusedByName) {
+  const math::Index3 dims{10, 10, 10};
+  const std::string samples = testing::SampleNoise(1, dims, volume::ScalarType::kUint8, 100);
+  testing::WriteFile(dir_.Sub("a.nrrd"),
+                     "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 10 10 10\nencoding: gzip\n\n" +
+                         testing::Gzip(samples));
+  EXPECT_THAT(Cut({.path = dir_.Sub("a.nrrd")}, OptionsTo("d"), true),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("a.nrrd"), HasSubstr("can't be indexed alone"))));
+  EXPECT_FALSE(fs::exists(dir_.Sub("d")));
+  // Not opened without a way to its source.
+  const store::Manifest manifest = MakeSmall();
+  EXPECT_THAT(ReadBlocks(dir_.Sub("d"), manifest),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("index-only")));
+  // More shards than chunks.
+  partition::PartitionOptions options = OptionsTo("e");
+  options.shard_count = 9;
+  options.block_cells = {8, 8, 8};
+  EXPECT_THAT(Cut(WriteZarr({17, 17, 17}, kKinds[0], {100, 100, 100}), options, true),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("9 shards")));
+}
+
+TEST_F(SampleOpenerTest, LimitsTheMemoryOfChunks) {
+  const source::OpenRequest request = WriteZarr({128, 64, 32}, kKinds[0], {128, 64, 32});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest, Cut(request, OptionsTo("d"), true));
+  SourceAccess access = kOwn;
+  access.max_bytes = 128 << 10;
+  EXPECT_THAT(Read(manifest, access),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("--memory-limit")));
+  access.max_bytes = (256 << 10) * 2 * 3;
+  ISOSCOPE_EXPECT_OK(Read(manifest, access));
+}
+
+TEST(AllowedSourceTest, ParsesPrefixes) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(AllowedSource allowed, ParseAllowedSource("/data"));
+  EXPECT_EQ(allowed, (AllowedSource{.recorded = "/data", .actual = "/data"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(allowed, ParseAllowedSource("/data=/mnt/a=b"));
+  EXPECT_EQ(allowed, (AllowedSource{.recorded = "/data", .actual = "/mnt/a=b"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(allowed, ParseAllowedSource("https://example.org/a"));
+  EXPECT_EQ(allowed.actual, "https://example.org/a");
+  for (const char* text : {"", "data", "/data=", "=/data", "/data=mnt"}) {
+    EXPECT_THAT(ParseAllowedSource(text), StatusIs(absl::StatusCode::kInvalidArgument)) << text;
+  }
+}
+
+TEST(AccessOfUserTest, ReadsLocalFilesAndWhatTheEnvironmentAllows) {
+  constexpr char kVariable[] = "ISOSCOPE_ALLOW_SOURCE";
+  unsetenv(kVariable);  // NOLINT(concurrency-mt-unsafe): one thread
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SourceAccess plain, AccessOfUser());
+  EXPECT_TRUE(plain.allows_local_files);
+  EXPECT_TRUE(plain.allowed.empty());
+  setenv(kVariable, "https://host/a", 1);  // NOLINT(concurrency-mt-unsafe)
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const SourceAccess more, AccessOfUser());
+  EXPECT_TRUE(more.allows_local_files);
+  EXPECT_THAT(more.allowed, ::testing::ElementsAre(AllowedSource{.recorded = "https://host/a",
+                                                                 .actual = "https://host/a"}));
+  setenv(kVariable, "a", 1);  // NOLINT(concurrency-mt-unsafe)
+  EXPECT_THAT(AccessOfUser().status(),
+              testing::StatusIs(absl::StatusCode::kInvalidArgument,
+                                ::testing::HasSubstr("ISOSCOPE_ALLOW_SOURCE: 'a'")));
+  unsetenv(kVariable);  // NOLINT(concurrency-mt-unsafe)
+}
+
+}  // namespace
+}  // namespace isoscope::indexed

@@ -1,0 +1,104 @@
+#include "core/indexed/unit_cache.h"
+
+#include <atomic>
+#include <cstring>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "oneapi/tbb/parallel_for.h"
+
+#include "core/base/random.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::indexed {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+
+absl::Status Fill(std::int64_t unit, std::size_t size, char* out) {
+  std::memset(out, static_cast<int>(unit % 251), size);
+  return absl::OkStatus();
+}
+
+TEST(UnitCacheTest, MakesAUnitOnceAndDropsTheOldest) {
+  UnitCache cache(8000);  // 4000 are kept
+  const auto get = [&](std::int64_t unit) {
+    return cache.Get({1, unit}, 1000, 0, [unit](char* out) { return Fill(unit, 1000, out); });
+  };
+  for (const std::int64_t unit : {0, 1, 2, 3, 0, 1, 2, 3}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto bytes, get(unit));
+    EXPECT_EQ(*bytes, std::string(1000, static_cast<char>(unit)));
+  }
+  EXPECT_EQ(cache.made_count(), 4);
+  EXPECT_EQ(cache.kept_bytes(), 4000U);
+  ISOSCOPE_ASSERT_OK(get(0).status());  // 1 is the oldest now
+  ISOSCOPE_ASSERT_OK(get(4).status());
+  EXPECT_EQ(cache.made_count(), 5);
+  EXPECT_EQ(cache.kept_bytes(), 4000U);
+  ISOSCOPE_ASSERT_OK(get(0).status());
+  EXPECT_EQ(cache.made_count(), 5);
+  ISOSCOPE_ASSERT_OK(get(1).status());
+  EXPECT_EQ(cache.made_count(), 6);
+}
+
+TEST(UnitCacheTest, AnErrorIsNotKept) {
+  UnitCache cache(8000);
+  const auto fail = [](char*) { return absl::UnavailableError("now"); };
+  EXPECT_THAT(cache.Get({1, 1}, 10, 0, fail), StatusIs(absl::StatusCode::kUnavailable));
+  ISOSCOPE_EXPECT_OK(cache.Get({1, 1}, 10, 0, [](char* out) { return Fill(1, 10, out); }).status());
+}
+
+TEST(UnitCacheTest, RefusesWhatItHasNoRoomFor) {
+  UnitCache cache(8000);
+  const auto make = [](char* out) { return Fill(1, 10, out); };
+  ISOSCOPE_EXPECT_OK(cache.Get({1, 1}, 10, 1333, make).status());
+  EXPECT_THAT(cache.Get({1, 2}, 1334, 0, make), StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
+// Many threads, which compute in parallel while they make units, and little room.
+TEST(UnitCacheTest, ThreadsMakeEachUnitOnce) {
+  UnitCache ample(1 << 20);
+  UnitCache scarce(3 * 2 * 1000);
+  for (UnitCache* cache : {&ample, &scarce}) {
+    std::atomic<int> wrong{0};
+    std::atomic<int> under_way{0};
+    std::atomic<int> most{0};
+    const auto read = [&](std::int64_t i) {
+      const auto unit =
+          static_cast<std::int64_t>(base::RandomBits(3, static_cast<std::uint64_t>(i)) % 20);
+      const auto bytes = cache->Get({1, unit}, 1000, 0, [&](char* out) {
+        const int now = ++under_way;
+        for (int before = most; before < now && !most.compare_exchange_weak(before, now);) {
+        }
+        tbb::parallel_for(
+            0, 10, [&](int part) { std::memset(out + 100 * part, static_cast<int>(unit), 100); });
+        --under_way;
+        return absl::OkStatus();
+      });
+      wrong += bytes.ok() && **bytes == std::string(1000, static_cast<char>(unit)) ? 0 : 1;
+    };
+    std::vector<std::thread> threads;
+    for (std::int64_t thread = 0; thread < 4; ++thread) {
+      threads.emplace_back([&, thread] {
+        tbb::parallel_for(std::int64_t{0}, std::int64_t{500},
+                          [&](std::int64_t i) { read(1000 * thread + i); });
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    EXPECT_EQ(wrong, 0);
+    if (cache == &ample) {
+      EXPECT_EQ(cache->made_count(), 20);
+    } else {
+      EXPECT_EQ(most, 1);  // room for one in the making
+      EXPECT_LE(cache->kept_bytes(), 3000U);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::indexed

@@ -1,0 +1,142 @@
+#include "core/source/bytes/cached_bytes.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/random.h"
+#include "tests/support/memory_store.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+using testing::IsOk;
+using ::testing::Pair;
+using ::testing::SizeIs;
+using testing::StatusIs;
+
+std::string NoiseOf(std::size_t size) {
+  std::string bytes(size, '\0');
+  for (std::size_t i = 0; i < size; ++i) {
+    bytes[i] = static_cast<char>(base::RandomBits(3, i));
+  }
+  return bytes;
+}
+
+// Notes the requests, and fails while it is told to.
+class NotedBytes final : public ByteSource {
+ public:
+  explicit NotedBytes(const std::string& bytes) : bytes_(bytes) {}
+
+  [[nodiscard]] absl::Status ReadRanges(absl::Span<const ByteRange> ranges,
+                                        const base::Cancellation& cancellation) const override {
+    for (const ByteRange& range : ranges) {
+      requests_.emplace_back(range.offset, static_cast<std::int64_t>(range.size));
+    }
+    return is_failing_ ? absl::UnavailableError("gone") : bytes_.ReadRanges(ranges, cancellation);
+  }
+  [[nodiscard]] std::int64_t size_bytes() const override { return bytes_.size_bytes(); }
+  [[nodiscard]] const std::string& name() const override { return bytes_.name(); }
+  [[nodiscard]] std::string version() const override { return ""; }
+
+  std::vector<std::pair<std::int64_t, std::int64_t>> TakeRequests() const {
+    return std::exchange(requests_, {});
+  }
+  void SetFailing(bool is_failing) { is_failing_ = is_failing; }
+
+ private:
+  const testing::MemoryBytes bytes_;
+  mutable std::vector<std::pair<std::int64_t, std::int64_t>> requests_;
+  bool is_failing_ = false;
+};
+
+class CachedBytesTest : public ::testing::Test {
+ protected:
+  explicit CachedBytesTest(std::size_t size = 40 * kCachedBlockBytes + 17)
+      : bytes_(NoiseOf(size)),
+        source_(std::make_shared<NotedBytes>(bytes_)),
+        file_(MakeCachedFile(source_, "https://host/x")) {}
+
+  std::string Read(std::int64_t offset, std::size_t size) const {
+    std::string out(size, '?');
+    const absl::Status status = file_->ReadAt(offset, size, out.data());
+    return status.ok() ? out : std::string(status.message());
+  }
+
+  const std::string bytes_;
+  const std::shared_ptr<NotedBytes> source_;
+  const std::unique_ptr<io::RandomAccessFile> file_;
+};
+
+TEST_F(CachedBytesTest, ReadsASmallPieceOnce) {
+  EXPECT_EQ(file_->path(), "https://host/x");
+  EXPECT_EQ(file_->size_bytes(), static_cast<std::int64_t>(bytes_.size()));
+  EXPECT_EQ(Read(100, 8), bytes_.substr(100, 8));
+  EXPECT_THAT(source_->TakeRequests(), ElementsAre(Pair(0, kCachedBlockBytes)));
+  EXPECT_EQ(Read(0, 1000), bytes_.substr(0, 1000));
+  EXPECT_EQ(Read(kCachedBlockBytes - 1, 1), bytes_.substr(kCachedBlockBytes - 1, 1));
+  EXPECT_THAT(source_->TakeRequests(), IsEmpty());
+}
+
+TEST_F(CachedBytesTest, ReadsAheadOfThoseWhoGoOn) {
+  for (std::int64_t offset = 0; offset + 1000 <= file_->size_bytes(); offset += 1000) {
+    ASSERT_EQ(Read(offset, 1000), bytes_.substr(static_cast<std::size_t>(offset), 1000)) << offset;
+  }
+  // 1, 2, 4, 8, 16 blocks, and the rest.
+  EXPECT_THAT(source_->TakeRequests(), SizeIs(6));
+}
+
+TEST_F(CachedBytesTest, ReadsLongPiecesDirectly) {
+  EXPECT_EQ(Read(5, kDirectReadBytes), bytes_.substr(5, kDirectReadBytes));
+  EXPECT_THAT(source_->TakeRequests(), ElementsAre(Pair(5, kDirectReadBytes)));
+}
+
+TEST_F(CachedBytesTest, ReadsTheEndAndNotBehind) {
+  const std::int64_t size = file_->size_bytes();
+  EXPECT_EQ(Read(size - 20, 20), bytes_.substr(bytes_.size() - 20));
+  EXPECT_EQ(Read(size, 0), "");
+  std::string out(2, '?');
+  EXPECT_THAT(file_->ReadAt(size - 1, 2, out.data()), StatusIs(absl::StatusCode::kDataLoss));
+}
+
+TEST_F(CachedBytesTest, AnErrorIsNotKept) {
+  source_->SetFailing(true);
+  EXPECT_EQ(Read(0, 4), "gone");
+  source_->SetFailing(false);
+  EXPECT_EQ(Read(0, 4), bytes_.substr(0, 4));
+}
+
+class ManyBlocksTest : public CachedBytesTest {
+ protected:
+  ManyBlocksTest() : CachedBytesTest((kMaxCachedBlocks + 100) * kCachedBlockBytes + 5) {}
+};
+
+TEST_F(ManyBlocksTest, AnyOrderGivesTheBytesInBoundedMemory) {
+  for (std::uint64_t i = 0; i < 4000; ++i) {
+    const auto offset = static_cast<std::int64_t>(base::RandomBits(11, i) % bytes_.size());
+    const auto size = std::min<std::size_t>(base::RandomBits(12, i) % 200'000,
+                                            bytes_.size() - static_cast<std::size_t>(offset));
+    ASSERT_TRUE(Read(offset, size) == bytes_.substr(static_cast<std::size_t>(offset), size))
+        << offset << " " << size;
+  }
+  // What was read first is gone: the kept blocks are not all.
+  source_->TakeRequests();
+  for (std::int64_t block = 0; block < kMaxCachedBlocks + 100; ++block) {
+    Read(block * kCachedBlockBytes, 1);
+  }
+  EXPECT_THAT(source_->TakeRequests(), ::testing::Not(IsEmpty()));
+}
+
+}  // namespace
+}  // namespace isoscope::source

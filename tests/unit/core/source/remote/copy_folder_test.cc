@@ -1,0 +1,200 @@
+#include "core/source/remote/copy_folder.h"
+
+#include <filesystem>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+#include "tests/support/folder_test.h"
+#include "tests/support/scripted_server.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/core/source/remote/remote_test.h"
+
+namespace isoscope::source {
+namespace {
+
+namespace fs = std::filesystem;
+
+using testing::Answer;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using testing::ScriptedServer;
+using testing::ServedConnection;
+using testing::ServedRequest;
+using testing::StatusIs;
+
+// A server of a bucket, without a signature, and of the same as an index.
+class CopyFolderTest : public testing::FolderTest {
+ protected:
+  CopyFolderTest()
+      : server_([this](const ServedRequest& request, ServedConnection* connection) {
+          Serve(request, connection);
+        }) {
+    objects_["run/.zgroup"] = "{}";
+    objects_["run/a/0"] = RemoteBytes(1000);
+    objects_["run/a/1 2"] = "";
+    objects_["run/large"] = RemoteBytes(9 * base::kMiB + 3);
+    for (int i = 0; i < 40; ++i) {
+      objects_[absl::StrCat("run/b/", i)] = absl::StrCat("chunk ", i);
+    }
+    objects_["runner"] = "another";
+  }
+
+  void Serve(const ServedRequest& request, ServedConnection* connection) {
+    const std::string target = absl::StrReplaceAll(request.target, {{"%20", " "}});
+    if (absl::StartsWith(target, "/bucket/?")) {
+      std::string contents;
+      for (const auto& [key, bytes] : objects_) {
+        if (absl::StartsWith(key, "run/")) {
+          absl::StrAppend(&contents, "<Contents><Key>", absl::StrReplaceAll(key, {{" ", "+"}}),
+                          "</Key><Size>", bytes.size(), "</Size></Contents>");
+        }
+      }
+      connection->Send(Answer(200, "",
+                              absl::StrCat("<ListBucketResult>", contents,
+                                           "<IsTruncated>false</IsTruncated>"
+                                           "</ListBucketResult>")));
+      return;
+    }
+    const std::string key = target.substr(8);  // "/bucket/"
+    if (broken_.contains(key)) {
+      connection->Send(Answer(404, "", ""));
+    } else if (objects_.contains(key)) {
+      testing::ServeObject(
+          {.bytes = objects_[key], .etag = absl::StrCat("\"", versions_[key], "\"")}, request,
+          connection);
+    } else if (absl::EndsWith(target, "/")) {
+      std::set<std::string> names;
+      for (const auto& [other, bytes] : objects_) {
+        if (absl::StartsWith(other, key)) {
+          const std::string rest = other.substr(key.size());
+          names.insert(rest.substr(
+              0, rest.find('/') == std::string::npos ? rest.size() : rest.find('/') + 1));
+        }
+      }
+      std::string page;
+      for (const std::string& name : names) {
+        absl::StrAppend(&page, "<a href=\"", absl::StrReplaceAll(name, {{" ", "%20"}}), "\">x</a>");
+      }
+      connection->Send(names.empty() ? Answer(404, "", "") : Answer(200, "", page));
+    } else {
+      connection->Send(Answer(404, "", ""));
+    }
+  }
+
+  absl::StatusOr<CopyReport> Copy(const std::string& address) {
+    notes_.clear();
+    RemoteOptions options = QuickOptions();
+    options.s3.endpoint = server_.origin();
+    options.s3.region = "eu-test-1";
+    const base::Cancellation never;
+    return CopyAddress(address, dir_.Sub("out"), options,
+                       {.note = [this](const std::string& note) { notes_.push_back(note); }},
+                       never);
+  }
+
+  void ExpectCopied(const std::string& name = "run") {
+    for (const auto& [key, bytes] : objects_) {
+      if (absl::StartsWith(key, "run/")) {
+        const auto copied = io::ReadWholeFile(dir_.Sub("out/" + name + key.substr(3)), 1 << 30);
+        ASSERT_THAT(copied.status(), testing::IsOk());
+        EXPECT_TRUE(*copied == bytes) << key;
+      }
+    }
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(dir_.Sub("out"))) {
+      names.push_back(entry.path().filename().string());
+    }
+    EXPECT_THAT(names, ElementsAre(name));
+  }
+
+  ScriptedServer server_;
+  std::map<std::string, std::string> objects_;
+  std::map<std::string, int> versions_;
+  std::set<std::string> broken_;
+  std::vector<std::string> notes_;
+};
+
+TEST_F(CopyFolderTest, CopiesWhatS3ListsBelowAPrefix) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy("s3://bucket/run/"));
+  EXPECT_EQ(report.path, dir_.Sub("out/run"));
+  EXPECT_EQ(report.object_count, 44);
+  EXPECT_EQ(report.kept_bytes, 0);
+  EXPECT_THAT(notes_, IsEmpty());
+  ExpectCopied();
+  EXPECT_THAT(Copy("s3://bucket/run/").status(), StatusIs(absl::StatusCode::kAlreadyExists));
+}
+
+TEST_F(CopyFolderTest, APrefixNeedsNoSlash) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy("s3://bucket/run"));
+  EXPECT_EQ(report.object_count, 44);
+  ExpectCopied();
+}
+
+TEST_F(CopyFolderTest, CopiesWhatAnIndexLinksTo) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy(server_.origin() + "/bucket/run/"));
+  EXPECT_EQ(report.object_count, 44);
+  ExpectCopied();
+}
+
+TEST_F(CopyFolderTest, GoesOnWithWhatIsThereAndHasNotChanged) {
+  broken_.insert("run/b/39");
+  EXPECT_THAT(Copy("s3://bucket/run/").status(), StatusIs(absl::StatusCode::kNotFound));
+  EXPECT_FALSE(fs::exists(dir_.Sub("out/run")));
+  EXPECT_TRUE(fs::exists(dir_.Sub("out/run.part.record")));
+  broken_.clear();
+  versions_["run/a/0"] = 1;
+  objects_["run/a/0"] = RemoteBytes(1001).substr(1);  // of the same size
+  const std::size_t before = server_.requests().size();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy("s3://bucket/run/"));
+  EXPECT_GT(report.kept_bytes, 0);
+  EXPECT_THAT(notes_, ElementsAre(HasSubstr("copied again")));
+  ExpectCopied();
+  // Of a kept object only the first byte is asked for.
+  int whole = 0;
+  const auto requests = server_.requests();
+  for (std::size_t i = before; i < requests.size(); ++i) {
+    whole += requests[i].Header("range").empty() && !absl::StrContains(requests[i].target, "?");
+  }
+  EXPECT_LT(whole, 40);
+}
+
+TEST_F(CopyFolderTest, ARecordOfAnotherFolderIsNotGoneOnWith) {
+  broken_.insert("run/b/39");
+  EXPECT_FALSE(Copy("s3://bucket/run/").ok());
+  broken_.clear();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy(server_.origin() + "/bucket/run/"));
+  EXPECT_EQ(report.kept_bytes, 0);
+  EXPECT_THAT(notes_, ElementsAre(HasSubstr("begins again")));
+  ExpectCopied();
+}
+
+TEST_F(CopyFolderTest, AKeyThatIsFileAndFolderIsRefused) {
+  objects_["run/a"] = "file";
+  EXPECT_THAT(Copy("s3://bucket/run/").status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no disk can hold")));
+}
+
+TEST_F(CopyFolderTest, ANameIsTheLastPart) {
+  EXPECT_EQ(*CopyNameOf(*ParseAddress("https://h/a/b%20c//")), "b c");
+  EXPECT_EQ(*CopyNameOf(*ParseAddress("s3://bucket/")), "bucket");
+  EXPECT_EQ(*CopyNameOf(*ParseAddress("s3://bucket/a/b.nrrd")), "b.nrrd");
+  EXPECT_THAT(CopyNameOf(*ParseAddress("https://h/")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(CopyNameOf(*ParseAddress("https://h/a%2Fb")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+}  // namespace
+}  // namespace isoscope::source
