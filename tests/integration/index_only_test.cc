@@ -128,7 +128,12 @@ TEST(IndexOnlyTest, FramesAreThoseOfTheCopiedDataset) {
     options.shard_count = static_cast<int>(dice.Whole(1, 4));
     options.seed = dice.Bits();
     options.output_directory = dir.Sub("copied");
-    ISOSCOPE_ASSERT_OK(Cut(source.request, options, false).status());
+    auto copied_cut = Cut(source.request, options, false);
+    if (absl::IsInvalidArgument(copied_cut.status())) {  // fewer blocks than shards
+      options.shard_count = 1;
+      copied_cut = Cut(source.request, options, false);
+    }
+    ISOSCOPE_ASSERT_OK(copied_cut.status());
     options.output_directory = dir.Sub("index_only");
     auto indexed = Cut(source.request, options, true);
     if (absl::IsInvalidArgument(indexed.status())) {  // fewer chunks than shards

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -110,24 +111,65 @@ absl::StatusOr<std::unique_ptr<io::WritableFile>> OpenPart(const std::string& pa
   return io::ContinueWritableFile(path, done);
 }
 
+// Writes stretches, each while the next one is read. The record tells what is written.
+class StretchWriter {
+ public:
+  StretchWriter(std::string part_path, std::string record_path, CopyRecord* record)
+      : part_path_(std::move(part_path)), record_path_(std::move(record_path)), record_(record) {}
+  ~StretchWriter() { Finish().IgnoreError(); }
+  StretchWriter(const StretchWriter&) = delete;
+  StretchWriter& operator=(const StretchWriter&) = delete;
+
+  // Waits for the stretch before, and returns its error; else begins to write `bytes`, in whose
+  // place it leaves other memory.
+  absl::Status Write(std::string* bytes) {
+    ISOSCOPE_RETURN_IF_ERROR(Finish());
+    bytes_.swap(*bytes);
+    thread_ = std::thread([this] { status_ = WriteNow(); });
+    return absl::OkStatus();
+  }
+  absl::Status Finish() {
+    if (thread_.joinable()) {
+      thread_.join();
+    }
+    return status_;
+  }
+
+ private:
+  absl::Status WriteNow() {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> part,
+                              OpenPart(part_path_, record_->done));
+    ISOSCOPE_RETURN_IF_ERROR(part->Append(bytes_));
+    ISOSCOPE_RETURN_IF_ERROR(part->Close());
+    record_->done += static_cast<std::int64_t>(bytes_.size());
+    return io::WriteFileAtomically(record_path_, EncodeRecord(*record_));
+  }
+
+  const std::string part_path_;
+  const std::string record_path_;
+  CopyRecord* const record_;
+  std::string bytes_;
+  absl::Status status_;
+  std::thread thread_;
+};
+
 // Copies from record->done on.
 absl::Status CopyRest(const ByteSource& source, const std::string& part_path,
                       const std::string& record_path, CopyRecord* record, const CopyHooks& hooks,
                       const base::Cancellation& cancellation) {
+  const std::int64_t size = record->size;
+  std::int64_t done = record->done;
   std::int64_t stretch_bytes = kMinStretchBytes;
   std::string bytes;
+  StretchWriter writer(part_path, record_path, record);
   do {
     const base::MonotonicTime begin = base::MonotonicNow();
-    bytes.resize(static_cast<std::size_t>(std::min(stretch_bytes, record->size - record->done)));
-    ISOSCOPE_RETURN_IF_ERROR(source.ReadAt(record->done, bytes.size(), bytes.data(), cancellation));
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> part,
-                              OpenPart(part_path, record->done));
-    ISOSCOPE_RETURN_IF_ERROR(part->Append(bytes));
-    ISOSCOPE_RETURN_IF_ERROR(part->Close());
-    record->done += static_cast<std::int64_t>(bytes.size());
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(record_path, EncodeRecord(*record)));
-    if (hooks.progress && record->size > 0) {
-      hooks.progress(record->done, record->size);
+    bytes.resize(static_cast<std::size_t>(std::min(stretch_bytes, size - done)));
+    ISOSCOPE_RETURN_IF_ERROR(source.ReadAt(done, bytes.size(), bytes.data(), cancellation));
+    done += static_cast<std::int64_t>(bytes.size());
+    ISOSCOPE_RETURN_IF_ERROR(writer.Write(&bytes));
+    if (hooks.progress && size > 0) {
+      hooks.progress(done, size);
     }
     // Stretches of some seconds: progress is seen, and little is read twice.
     const absl::Duration elapsed = base::MonotonicNow() - begin;
@@ -136,8 +178,8 @@ absl::Status CopyRest(const ByteSource& source, const std::string& part_path,
     } else if (elapsed > absl::Seconds(5)) {
       stretch_bytes = std::max(stretch_bytes / 2, kMinStretchBytes);
     }
-  } while (record->done < record->size);
-  return absl::OkStatus();
+  } while (done < size);
+  return writer.Finish();
 }
 
 // Writes a body to a file; a body that begins again begins the file again. It is called by the
