@@ -65,7 +65,10 @@ HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
 USER isoscope
 ENTRYPOINT ["isoscope-gateway"]
 
+# It reads the sources of index-only datasets.
 FROM rendering AS agent
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/
 ARG ISOSCOPE_VERSION
 LABEL org.opencontainers.image.version="$ISOSCOPE_VERSION"

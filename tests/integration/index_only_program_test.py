@@ -4,7 +4,10 @@
     index_only_program_test.py BIN_FOLDER [unittest arguments]
 """
 
+import http.server
+import itertools
 import json
+import math
 import os
 import re
 import shutil
@@ -196,6 +199,90 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertEqual(done.returncode, 1)
     self.assertIn('the source has changed', done.stderr)
     self.assertNotIn(moved, done.stderr)
+
+  def test_addresses_are_read_where_they_are_allowed_and_agents_follow_nobody(self):
+    store = self.path('data', 'v.zarr')
+    write_zarr(store)
+    server = StoreServer(self.path('data'))
+    self.addCleanup(server.close)
+    address = f'http://127.0.0.1:{server.port}/v.zarr'
+    dataset = self.path('d')
+    isoscope('partition', address, '--index-only', '--output', dataset, *CUT)
+    copied = self.path('copied')
+    isoscope('partition', store, '--output', copied, *CUT)
+    expected = self.picture(copied)
+    render = ['render', dataset, '--output', self.path('p.png'), *VIEW]
+    asked = server.count
+    refused = isoscope(*render, check=False)
+    self.assertEqual(refused.returncode, 1)
+    self.assertIn(f'ISOSCOPE_ALLOW_SOURCE={address}', refused.stderr)
+    self.assertEqual(server.count, asked, 'asked before it was allowed')
+    self.addCleanup(os.environ.pop, 'ISOSCOPE_ALLOW_SOURCE')
+    os.environ['ISOSCOPE_ALLOW_SOURCE'] = f'http://127.0.0.1:{server.port}'
+    self.assertEqual(self.picture(dataset), expected)
+    server.redirects = True
+    self.assertEqual(self.picture(dataset), expected)
+    # The variable stands for the agent's flag, too.
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+    served = ['render', '--server', coordinator.address, '--isovalue', '128', '--output', self.path('q.png'), '--quiet']
+    done = isoscope(*served, check=False)
+    self.assertEqual(done.returncode, 1)
+    self.assertIn('another host', done.stderr)
+
+
+class StoreServer:
+  """Serves a folder whole; then redirects chunks to the same server by another name."""
+
+  def __init__(self, folder):
+    outer = self
+    self.count = 0
+    self.redirects = False
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+      protocol_version = 'HTTP/1.1'
+
+      def __init__(self, *arguments):
+        super().__init__(*arguments, directory=folder)
+
+      def do_GET(self):
+        outer.count += 1
+        is_chunk = os.path.basename(self.path)[0].isdigit()
+        if outer.redirects and is_chunk and self.headers['Host'].startswith('127.0.0.1'):
+          self.send_response(302)
+          self.send_header('Location', f'http://localhost:{outer.port}{self.path}')
+          self.send_header('Content-Length', '0')
+          self.end_headers()
+        else:
+          super().do_GET()
+
+      def log_message(self, *_):
+        pass
+
+    self.server = http.server.ThreadingHTTPServer(('127.0.0.1', 0), Handler)
+    self.port = self.server.server_address[1]
+    threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+  def close(self):
+    self.server.shutdown()
+    self.server.server_close()
+
+
+def write_zarr(path):
+  """A ball in chunks of 16 x 16 x 16 without a codec."""
+  os.makedirs(path)
+  side, chunk = 48, 16
+  with open(os.path.join(path, '.zarray'), 'w', encoding='ascii') as file:
+    json.dump({'zarr_format': 2, 'shape': [side] * 3, 'chunks': [chunk] * 3, 'dtype': '|u1', 'order': 'C',
+               'compressor': None, 'filters': None, 'fill_value': 0}, file)
+  for z, y, x in itertools.product(range(0, side, chunk), repeat=3):
+    samples = bytes(
+        max(0, 255 - 8 * int(math.dist((k, j, i), (24, 24, 24))))
+        for k, j, i in itertools.product(range(z, z + chunk), range(y, y + chunk), range(x, x + chunk)))
+    with open(os.path.join(path, f'{z // chunk}.{y // chunk}.{x // chunk}'), 'wb') as file:
+      file.write(samples)
 
 
 if __name__ == '__main__':
