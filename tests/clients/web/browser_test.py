@@ -1538,11 +1538,12 @@ class RealRefiningTest(RealPageTest):
         self.assertEqual(1, self.share_of_equal(self.picture(), decode_png(self.exact_png())))
 
     def test_a_costly_picture_is_coarse_then_of_tiles_without_a_seam_then_exact(self):
-        for renderer in ('bitmaprenderer', 'webgl2'):
-            with self.subTest(renderer):
+        # Small pictures, and surfaces that the server has drawn before, may come too quickly for tiles.
+        for renderer, first, costly in (('bitmaprenderer', 30000, 34000), ('webgl2', 26000, 37000)):
+            with self.subTest(renderer), size_of(self.browser, 1150, 850):
                 self.show(f'&renderer={renderer}')
-                self.look(30000, 'isoscope.view.isExact && isoscope.view.state.samples')  # the server learns what one costs
-                self.look(34000, 'isoscope.view.isExact && seen.at(-1)?.what === "exact"')
+                self.look(first, 'isoscope.view.isExact && isoscope.view.state.samples')  # the server learns what one costs
+                self.look(costly, 'isoscope.view.isExact && seen.at(-1)?.what === "exact"')
                 self.assertEqual(renderer, self.js('return isoscope.view.stats().renderer'))
                 seen = self.js('return seen')
                 current = [one for one in seen if one['what'] != 'frame' or one['isCurrent']]
