@@ -31,6 +31,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/formats/open_request.h"
@@ -209,30 +210,54 @@ class UnitReader final : public store::SampleReader {
     }
   }
 
-  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, char* out) const override {
+  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, const base::Cancellation& cancellation,
+                                       char* out) const override {
     const math::IndexBox stored = layout_.StoredSamplesOf(id);
-    const math::Index3 first = UnitOf(stored.begin);
-    const math::Index3 last = UnitOf(stored.end - math::Index3{1, 1, 1});
+    const math::IndexBox units = UnitsOf(id);
     math::Index3 unit;
-    for (unit.z = first.z; unit.z <= last.z; ++unit.z) {
-      for (unit.y = first.y; unit.y <= last.y; ++unit.y) {
-        for (unit.x = first.x; unit.x <= last.x; ++unit.x) {
-          ISOSCOPE_RETURN_IF_ERROR(CopyFrom(unit, stored, out));
+    for (unit.z = units.begin.z; unit.z < units.end.z; ++unit.z) {
+      for (unit.y = units.begin.y; unit.y < units.end.y; ++unit.y) {
+        for (unit.x = units.begin.x; unit.x < units.end.x; ++unit.x) {
+          ISOSCOPE_ASSIGN_OR_RETURN(const UnitSamples samples, SamplesOf(unit, cancellation));
+          CopyFrom(BoxOf(unit), *samples, stored, out);
         }
       }
     }
     return absl::OkStatus();
   }
+  [[nodiscard]] math::IndexBox UnitsOf(volume::BlockId id) const override {
+    const math::IndexBox stored = layout_.StoredSamplesOf(id);
+    const math::Index3 one{1, 1, 1};
+    return {.begin = UnitOf(stored.begin), .end = UnitOf(stored.end - one) + one};
+  }
+  [[nodiscard]] absl::Status ReadUnit(const math::Index3& unit,
+                                      const base::Cancellation& cancellation) const override {
+    return SamplesOf(unit, cancellation).status();
+  }
+  [[nodiscard]] bool HasUnit(const math::Index3& unit) const override {
+    return sources_->units().Has(KeyOf(unit));
+  }
+  // Half of what is kept at least: the rest is for what is in use, which must not be dropped for them.
+  [[nodiscard]] std::size_t max_units_ahead() const override {
+    const auto unit_bytes =
+        static_cast<std::size_t>(math::Volume(unit_dims_)) * volume::SizeOf(type_);
+    return sources_->units().least_kept_bytes() / 2 / unit_bytes;
+  }
   [[nodiscard]] const std::string& name() const override { return source_->name; }
   [[nodiscard]] bool is_local() const override { return source_->is_local; }
 
  private:
+  using UnitSamples = std::shared_ptr<const std::string>;
+
   [[nodiscard]] math::Index3 UnitOf(const math::Index3& sample) const {
     return {(sample.x - origin_.x) / unit_dims_.x, (sample.y - origin_.y) / unit_dims_.y,
             (sample.z - origin_.z) / unit_dims_.z};
   }
+  [[nodiscard]] UnitCache::Key KeyOf(const math::Index3& unit) const {
+    return {source_->number, unit.x + counts_.x * (unit.y + counts_.y * unit.z)};
+  }
   // The samples of a unit that lie in the volume.
-  [[nodiscard]] math::IndexBox SamplesOf(const math::Index3& unit) const {
+  [[nodiscard]] math::IndexBox BoxOf(const math::Index3& unit) const {
     math::IndexBox box;
     for (int axis = 0; axis < 3; ++axis) {
       const std::int64_t begin = origin_[axis] + unit[axis] * unit_dims_[axis];
@@ -242,21 +267,23 @@ class UnitReader final : public store::SampleReader {
     return box;
   }
 
-  // Copies what a unit has of a block's stored samples.
-  absl::Status CopyFrom(const math::Index3& unit, const math::IndexBox& stored, char* out) const {
-    const math::IndexBox box = SamplesOf(unit);
-    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(type_));
-    const std::int64_t number = unit.x + counts_.x * (unit.y + counts_.y * unit.z);
-    const auto size = static_cast<std::size_t>(math::Volume(box.dims()) * sample_bytes);
+  absl::StatusOr<UnitSamples> SamplesOf(const math::Index3& unit,
+                                        const base::Cancellation& cancellation) const {
+    const math::IndexBox box = BoxOf(unit);
+    const auto size = static_cast<std::size_t>(math::Volume(box.dims())) * volume::SizeOf(type_);
     const auto stride = static_cast<double>(stride_);
     // With the samples that a stride skips.
     const double decoded = static_cast<double>(size) * stride * stride * stride;
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::shared_ptr<const std::string> samples,
-        sources_->units().Get(
-            {source_->number, number}, size,
-            static_cast<std::size_t>(std::min(decoded, static_cast<double>(kMostBytes))),
-            [&](char* bytes) { return source_->volume->ReadBox(box, bytes); }));
+    return sources_->units().Get(
+        KeyOf(unit), size,
+        static_cast<std::size_t>(std::min(decoded, static_cast<double>(kMostBytes))), cancellation,
+        [&](char* bytes) { return source_->volume->ReadBox(box, bytes, cancellation); });
+  }
+
+  // Copies what a unit has of a block's stored samples.
+  void CopyFrom(const math::IndexBox& box, const std::string& samples, const math::IndexBox& stored,
+                char* out) const {
+    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(type_));
     math::IndexBox part;
     for (int axis = 0; axis < 3; ++axis) {
       part.begin[axis] = std::max(box.begin[axis], stored.begin[axis]);
@@ -271,11 +298,10 @@ class UnitReader final : public store::SampleReader {
     const auto row_bytes = static_cast<std::size_t>(part.dims().x * sample_bytes);
     for (std::int64_t z = part.begin.z; z < part.end.z; ++z) {
       for (std::int64_t y = part.begin.y; y < part.end.y; ++y) {
-        std::memcpy(out + offset_in(stored, y, z), samples->data() + offset_in(box, y, z),
+        std::memcpy(out + offset_in(stored, y, z), samples.data() + offset_in(box, y, z),
                     row_bytes);
       }
     }
-    return absl::OkStatus();
   }
 
   const std::shared_ptr<Sources> sources_;

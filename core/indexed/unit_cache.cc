@@ -1,7 +1,7 @@
 // A unit is made by one thread at a time:
 //
 //   kept            Find returns it
-//   in the making   wait for made_, then look again
+//   in the making   wait for made_, and take what came of it
 //   else            reserve bytes, make it, keep it, wake the others
 //
 // A thread that makes a unit may compute in parallel. It is isolated meanwhile: TBB gives it no other
@@ -15,50 +15,68 @@
 #include "absl/strings/str_format.h"
 #include "oneapi/tbb/task_arena.h"
 
-#include "core/base/cancellation.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 
 namespace isoscope::indexed {
 
+class UnitCache::MakingScope {
+ public:
+  MakingScope(UnitCache* cache, const Key& key, std::shared_ptr<Making> making)
+      : cache_(*cache), key_(key), making_(std::move(making)) {}
+  ~MakingScope() {  // also if an exception comes
+    const base::MutexLock lock(&cache_.mutex_);
+    making_->has_ended = true;
+    cache_.in_the_making_.erase(key_);
+    cache_.made_.SignalAll();
+  }
+  MakingScope(const MakingScope&) = delete;
+  MakingScope& operator=(const MakingScope&) = delete;
+
+ private:
+  UnitCache& cache_;
+  const Key key_;
+  const std::shared_ptr<Making> making_;
+};
+
 absl::StatusOr<std::shared_ptr<const std::string>> UnitCache::Get(
     const Key& key, std::size_t size, std::size_t decoded_bytes,
-    absl::FunctionRef<absl::Status(char* out)> make) {
-  {
-    const base::MutexLock lock(&mutex_);
-    for (;;) {
+    const base::Cancellation& cancellation, absl::FunctionRef<absl::Status(char* out)> make) {
+  for (;;) {
+    std::shared_ptr<Making> making;
+    bool is_maker = false;
+    {
+      const base::MutexLock lock(&mutex_);
       if (std::shared_ptr<const std::string> unit = Find(key); unit != nullptr) {
         return unit;
       }
-      if (in_the_making_.insert(key).second) {
-        break;
+      std::shared_ptr<Making>& entry = in_the_making_[key];
+      if (entry == nullptr) {
+        entry = std::make_shared<Making>();
+        is_maker = true;
       }
-      made_.Await(&mutex_, [&]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
-        return !in_the_making_.contains(key);
-      });
+      making = entry;
+    }
+    if (is_maker) {
+      const MakingScope scope(this, key, making);
+      making->unit = Make(key, size, decoded_bytes, cancellation, make);
+      return making->unit;
+    }
+    ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(cancellation, &mutex_, &made_,
+                                                    [&making] { return making->has_ended; }));
+    const absl::Status& status = making->unit.status();
+    if (!absl::IsCancelled(status) && !absl::IsDeadlineExceeded(status)) {
+      return making->unit;
     }
   }
-  // Also if an exception comes.
-  class Making {
-   public:
-    Making(UnitCache* cache, const Key& key) : cache_(*cache), key_(key) {}
-    ~Making() {
-      const base::MutexLock lock(&cache_.mutex_);
-      cache_.in_the_making_.erase(key_);
-      cache_.made_.SignalAll();
-    }
-    Making(const Making&) = delete;
-    Making& operator=(const Making&) = delete;
+}
 
-   private:
-    UnitCache& cache_;
-    const Key& key_;
-  };
-  const Making making(this, key);
-  const base::Cancellation never;  // others that make units end soon
+absl::StatusOr<std::shared_ptr<const std::string>> UnitCache::Make(
+    const Key& key, std::size_t size, std::size_t decoded_bytes,
+    const base::Cancellation& cancellation, absl::FunctionRef<absl::Status(char* out)> make) {
   const std::size_t whole = std::max(size, decoded_bytes);
   absl::StatusOr<base::MemoryBudget::Reservation> bytes =
-      making_.Reserve(kMakingFactor * whole, never);
+      making_.Reserve(kMakingFactor * whole, cancellation);
   if (absl::IsResourceExhausted(bytes.status())) {
     return absl::ResourceExhaustedError(absl::StrFormat(
         "chunks of %.1f MiB need %.0f MiB while they are decoded, and %.0f MiB are for that: raise "
@@ -68,12 +86,21 @@ absl::StatusOr<std::shared_ptr<const std::string>> UnitCache::Get(
         static_cast<double>(making_.capacity_bytes()) / double{base::kMiB}));
   }
   ISOSCOPE_RETURN_IF_ERROR(bytes.status());
+  {
+    const base::MutexLock lock(&mutex_);
+    MakeRoom(0);
+  }
   const auto unit = std::make_shared<std::string>(size, '\0');
   ISOSCOPE_RETURN_IF_ERROR(tbb::this_task_arena::isolate([&] { return make(unit->data()); }));
   const base::MutexLock lock(&mutex_);
   ++made_count_;
   Keep(key, unit);
   return std::shared_ptr<const std::string>(unit);
+}
+
+bool UnitCache::Has(const Key& key) const {
+  const base::MutexLock lock(&mutex_);
+  return places_.contains(key) || in_the_making_.contains(key);
 }
 
 std::shared_ptr<const std::string> UnitCache::Find(const Key& key) {
@@ -85,16 +112,21 @@ std::shared_ptr<const std::string> UnitCache::Find(const Key& key) {
   return found->second->unit;
 }
 
-void UnitCache::Keep(const Key& key, const std::shared_ptr<const std::string>& unit) {
-  if (unit->size() > max_kept_bytes_) {
-    return;
-  }
-  while (kept_bytes_ + unit->size() > max_kept_bytes_) {
+void UnitCache::MakeRoom(std::size_t bytes) {
+  const std::size_t max_bytes = max_bytes_ - making_.reserved_bytes();
+  while (kept_bytes_ + bytes > max_bytes && !entries_.empty()) {
     const auto last = std::prev(entries_.end());
     kept_bytes_ -= last->unit->size();
     places_.erase(last->key);
     entries_.erase(last);
   }
+}
+
+void UnitCache::Keep(const Key& key, const std::shared_ptr<const std::string>& unit) {
+  if (unit->size() > least_kept_bytes()) {
+    return;
+  }
+  MakeRoom(unit->size());
   std::list<Entry> added;
   added.push_front({key, unit});
   places_.emplace(key, added.begin());

@@ -101,10 +101,12 @@ class VolumeSource {
   // in their order, or from several places.
   [[nodiscard]] virtual std::optional<BoxGrid> box_grid() const { return std::nullopt; }
   // Reads the samples of any box as [z][y][x], x fastest, little-endian, into `out`. The same
-  // samples and errors as ReadRows. Thread-safe, also beside ReadRows. Each box that the grid has
-  // is read and decoded again by each call that meets it.
+  // samples and errors as ReadRows; that of `cancellation` soon after it fires, if the read takes
+  // long. Thread-safe, also beside ReadRows. Each box that the grid has is read and decoded again by
+  // each call that meets it.
   // REQUIRES: box_grid() is set; the box lies in the volume, and is not empty.
-  [[nodiscard]] virtual absl::Status ReadBox(const math::IndexBox& /*box*/, char* /*out*/) const {
+  [[nodiscard]] virtual absl::Status ReadBox(const math::IndexBox& /*box*/, char* /*out*/,
+                                             const base::Cancellation& /*cancellation*/) const {
     return absl::UnimplementedError(absl::StrCat(info_.name, ": has no random access"));
   }
 

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_CORE_STORE_SAMPLE_READER_H_
 #define ISOSCOPE_CORE_STORE_SAMPLE_READER_H_
 
+#include <cstddef>
 #include <functional>
 #include <map>
 #include <memory>
@@ -12,7 +13,9 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/units.h"
+#include "core/math/box.h"
 #include "core/math/vec.h"
 #include "core/volume/block_layout.h"
 
@@ -41,8 +44,22 @@ class SampleReader {
   virtual ~SampleReader() = default;
 
   // Writes the stored samples of a block, volume::StoredSizeBytes of them, to `out`. The caller
-  // compares their checksum. Errors are those of the source, and name it.
-  [[nodiscard]] virtual absl::Status ReadBlock(volume::BlockId id, char* out) const = 0;
+  // compares their checksum. Errors are those of the source, and name it; that of `cancellation`
+  // soon after it fires.
+  [[nodiscard]] virtual absl::Status ReadBlock(volume::BlockId id,
+                                               const base::Cancellation& cancellation,
+                                               char* out) const = 0;
+  // The units that a block's stored samples meet, as a box in the grid of units. `begin` has its first
+  // sample.
+  [[nodiscard]] virtual math::IndexBox UnitsOf(volume::BlockId id) const = 0;
+  // Reads a unit into memory, where ReadBlock finds it as long as others leave it
+  // room. Errors as of ReadBlock.
+  [[nodiscard]] virtual absl::Status ReadUnit(const math::Index3& unit,
+                                              const base::Cancellation& cancellation) const = 0;
+  // Whether a unit is in memory, or being read.
+  [[nodiscard]] virtual bool HasUnit(const math::Index3& unit) const = 0;
+  // The number of units that may be read before they are used.
+  [[nodiscard]] virtual std::size_t max_units_ahead() const = 0;
   // The path or address of the source, for messages.
   [[nodiscard]] virtual const std::string& name() const = 0;
   // Whether the source is so near that a thread that computes may read it.

@@ -308,16 +308,8 @@ absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSample
           "%s: an index-only dataset: its samples are in %s, and this program may read no source",
           directory_, manifest_.in_source->request.at("path")));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const SampleReader> samples,
-                              open_samples(manifest_));
-    source_name_ = samples->name();
-    blocks_file_ = MakeSourceBlocksFile(path, manifest_bytes, samples, [this](std::int64_t offset) {
-      const auto behind =
-          std::upper_bound(entries_.begin(), entries_.end(), offset,
-                           [](std::int64_t at, const Entry& entry) { return at < entry.offset; });
-      const Entry& entry = *std::prev(behind);
-      return BlockPlace{.block_id = entry.block_id, .offset = entry.offset, .size = entry.size};
-    });
+    ISOSCOPE_ASSIGN_OR_RETURN(samples_, open_samples(manifest_));
+    blocks_file_ = MakeSourceFile(manifest_bytes, nullptr);
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenRequired(path, open_file));
   }
@@ -328,6 +320,25 @@ absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSample
                         blocks_file_->size_bytes(), manifest_bytes, index_bytes));
   }
   return absl::OkStatus();
+}
+
+std::unique_ptr<io::RandomAccessFile> ShardReader::MakeSourceFile(
+    std::int64_t size_bytes, const base::Cancellation* cancellation) const {
+  const auto find = [this](std::int64_t offset) {
+    const auto behind =
+        std::upper_bound(entries_.begin(), entries_.end(), offset,
+                         [](std::int64_t at, const Entry& entry) { return at < entry.offset; });
+    const Entry& entry = *std::prev(behind);
+    return BlockPlace{.block_id = entry.block_id, .offset = entry.offset, .size = entry.size};
+  };
+  return MakeSourceBlocksFile(PathIn(directory_, kBlocksFileName), size_bytes, samples_, find,
+                              cancellation);
+}
+
+std::unique_ptr<io::RandomAccessFile> ShardReader::OpenSourceBlocks(
+    const base::Cancellation& cancellation) const {
+  ISOSCOPE_CHECK(is_index_only());
+  return MakeSourceFile(blocks_file_->size_bytes(), &cancellation);
 }
 
 std::int64_t ShardReader::block_count() const { return static_cast<std::int64_t>(entries_.size()); }
@@ -411,10 +422,15 @@ std::vector<ShardReader::DiskRun> ShardReader::PlanDiskRuns(
   }
 
   std::vector<DiskRun> runs;
+  math::Index3 unit{-1, -1, -1};
   for (std::size_t i = 0; i < ordinals.size(); ++i) {
     const Entry& entry = entries_[ordinals[i]];
     const std::int64_t end = entry.offset + entry.size;
-    if (!runs.empty()) {
+    const math::Index3 last_unit = unit;
+    if (is_index_only()) {
+      unit = samples_->UnitsOf(entry.block_id).begin;
+    }
+    if (!runs.empty() && unit == last_unit) {
       DiskRun& run = runs.back();
       const std::int64_t gap = entry.offset - (run.offset + run.size);
       if ((gap == 0 || gap < largest_gap || (gap == largest_gap && ties_left > 0)) &&
@@ -473,7 +489,7 @@ absl::StatusOr<const char*> ShardReader::VerifyAndDecode(const Entry& entry, con
           "%s: block %d of %s: its samples in %s are not those that were partitioned (crc32c "
           "0x%08x, "
           "now 0x%08x): the source has changed; partition it anew",
-          Where(), entry.block_id, blocks_file_->path(), source_name_, entry.crc32c, computed));
+          Where(), entry.block_id, blocks_file_->path(), source_name(), entry.crc32c, computed));
     }
     return absl::DataLossError(absl::StrFormat(
         "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "

@@ -77,7 +77,11 @@ class ShardReader {
   // Whether the samples are read from the source.
   [[nodiscard]] bool is_index_only() const { return manifest_.in_source.has_value(); }
   // The path or address of the source then, else "".
-  [[nodiscard]] const std::string& source_name() const { return source_name_; }
+  [[nodiscard]] const std::string& source_name() const {
+    return samples_ == nullptr ? no_source_ : samples_->name();
+  }
+  // What reads the source then, else null.
+  [[nodiscard]] const SampleReader* samples() const { return samples_.get(); }
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
   // The whole table: of a span_tree.bin it is read at the first call, and kept (VolumeRanges::table).
   // Spans and ActiveTree do without.
@@ -130,7 +134,7 @@ class ShardReader {
     std::size_t count = 0;    // blocks
   };
   // Groups ordinals into disk runs of at most kMaxDiskRunBytes, or one block if that is larger. Of
-  // an index-only shard no gap is read over.
+  // an index-only shard no gap is read over, and the blocks of a run begin in one unit of the source.
   // Small gaps are read over, the smallest first, as long as all of them are at most kMaxGapShare
   // of the blocks' bytes. O(n log n).
   //
@@ -154,6 +158,10 @@ class ShardReader {
   // ReadDiskRun in two steps, for an io::ReadQueue: RequestFor returns the request; VisitDiskRun
   // takes the status and the bytes that the queue delivered, and does the rest.
   [[nodiscard]] io::ReadQueue::Read RequestFor(const DiskRun& run) const;
+  // The file of RequestFor whose reads end soon after `cancellation` fires. The shard and it outlive
+  // the file. REQUIRES: is_index_only().
+  [[nodiscard]] std::unique_ptr<io::RandomAccessFile> OpenSourceBlocks(
+      const base::Cancellation& cancellation) const;
   absl::Status VisitDiskRun(
       const DiskRun& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
       const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
@@ -169,6 +177,9 @@ class ShardReader {
   absl::Status DecodeEntries(const std::string& path, absl::string_view bytes);
   // Opens blocks.bin and checks its size. REQUIRES: entries_ is filled.
   absl::Status OpenBlocks(const OpenFile& open_file, const OpenSamples& open_samples);
+  // Returns the blocks.bin of an index-only shard. cancellation: null if nothing ends its reads
+  [[nodiscard]] std::unique_ptr<io::RandomAccessFile> MakeSourceFile(
+      std::int64_t size_bytes, const base::Cancellation* cancellation) const;
   // Returns "dataset NAME (ID), shard 3 of 16".
   [[nodiscard]] std::string Where() const;
 
@@ -199,7 +210,8 @@ class ShardReader {
   std::optional<std::uint32_t> histogram_crc32c_;  // of the whole file; not set: there is none
   std::int64_t histogram_bytes_ = 0;
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
-  std::string source_name_;  // of an index-only shard, for messages
+  std::shared_ptr<const SampleReader> samples_;  // of an index-only shard
+  std::string no_source_;
 };
 
 }  // namespace isoscope::store

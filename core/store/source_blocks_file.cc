@@ -15,11 +15,13 @@ class SourceBlocksFile final : public io::RandomAccessFile {
  public:
   SourceBlocksFile(std::string path, std::int64_t size_bytes,
                    std::shared_ptr<const SampleReader> samples,
-                   std::function<BlockPlace(std::int64_t)> find)
+                   std::function<BlockPlace(std::int64_t)> find,
+                   const base::Cancellation* cancellation)
       : path_(std::move(path)),
         size_bytes_(size_bytes),
         samples_(std::move(samples)),
-        find_(std::move(find)) {}
+        find_(std::move(find)),
+        cancellation_(cancellation == nullptr ? never_ : *cancellation) {}
 
   [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
                                     char* out) const override {
@@ -34,7 +36,8 @@ class SourceBlocksFile final : public io::RandomAccessFile {
       if (!is_whole) {
         whole.resize(static_cast<std::size_t>(block.size));
       }
-      absl::Status status = samples_->ReadBlock(block.block_id, is_whole ? out : whole.data());
+      absl::Status status =
+          samples_->ReadBlock(block.block_id, cancellation_, is_whole ? out : whole.data());
       if (!status.ok()) {
         return {status.code(),
                 absl::StrCat("block ", block.block_id, " of ", path_, ": ", status.message())};
@@ -60,15 +63,17 @@ class SourceBlocksFile final : public io::RandomAccessFile {
   const std::int64_t size_bytes_;
   const std::shared_ptr<const SampleReader> samples_;
   const std::function<BlockPlace(std::int64_t)> find_;
+  const base::Cancellation never_;
+  const base::Cancellation& cancellation_;
 };
 
 }  // namespace
 
 std::unique_ptr<io::RandomAccessFile> MakeSourceBlocksFile(
     std::string path, std::int64_t size_bytes, std::shared_ptr<const SampleReader> samples,
-    std::function<BlockPlace(std::int64_t offset)> find) {
+    std::function<BlockPlace(std::int64_t offset)> find, const base::Cancellation* cancellation) {
   return std::make_unique<SourceBlocksFile>(std::move(path), size_bytes, std::move(samples),
-                                            std::move(find));
+                                            std::move(find), cancellation);
 }
 
 }  // namespace isoscope::store

@@ -9,6 +9,7 @@
 #include <memory>
 #include <string>
 
+#include "core/base/cancellation.h"
 #include "core/io/file.h"
 #include "core/store/sample_reader.h"
 #include "core/volume/block_layout.h"
@@ -22,10 +23,12 @@ struct BlockPlace {
   std::int64_t size = 0;
 };
 
-// find: returns the block that has the byte at an offset in [0, size_bytes); thread-safe
+// find:         returns the block that has the byte at an offset in [0, size_bytes); thread-safe
+// cancellation: ends reads; outlives the file. Null: nothing does
 std::unique_ptr<io::RandomAccessFile> MakeSourceBlocksFile(
     std::string path, std::int64_t size_bytes, std::shared_ptr<const SampleReader> samples,
-    std::function<BlockPlace(std::int64_t offset)> find);
+    std::function<BlockPlace(std::int64_t offset)> find,
+    const base::Cancellation* cancellation = nullptr);
 
 }  // namespace isoscope::store
 

@@ -1,8 +1,16 @@
 #include "partition-agent/supply/block_reads.h"
 
 #include <algorithm>
+#include <array>
+#include <memory>
+#include <optional>
+
+#include "absl/container/flat_hash_map.h"
 
 #include "core/base/status_macros.h"
+#include "core/math/box.h"
+#include "core/math/z_order.h"
+#include "core/store/sample_reader.h"
 
 namespace isoscope::agent {
 
@@ -10,22 +18,91 @@ BlockReads::BlockReads(const Shards& shards, const std::vector<BlockToRead>& blo
   for (std::size_t begin = 0; begin < blocks.size();) {
     OfShard of{.reader = shards[blocks[begin].shard_index]->reader.get(),
                .ordinals = {},
-               .disk_runs = {},
-               .first_block = begin,
-               .first_read = reads_.size()};
+               .first_block = begin};
     std::size_t end = begin;
     for (; end < blocks.size() && blocks[end].shard_index == blocks[begin].shard_index; ++end) {
       of.ordinals.push_back(blocks[end].ordinal);
     }
-    of.disk_runs = of.reader->PlanDiskRuns(of.ordinals);
-    for (const store::ShardReader::DiskRun& disk_run : of.disk_runs) {
+    for (const store::ShardReader::DiskRun& disk_run : of.reader->PlanDiskRuns(of.ordinals)) {
       read_bytes_ += disk_run.size;
-      reads_.push_back(of.reader->RequestFor(disk_run));
+      runs_.push_back({.of = shards_.size(), .disk_run = disk_run});
     }
+    is_index_only_ = of.reader->is_index_only();  // so are all shards of a volume
     shards_.push_back(std::move(of));
     begin = end;
   }
-  visited_.resize(reads_.size());
+  if (is_index_only_) {
+    SortByUnits();
+  }
+}
+
+// Calls visit(unit) for each unit that a run's blocks meet, some of them several times.
+void BlockReads::ForEachUnit(const Run& run,
+                             absl::FunctionRef<void(const math::Index3&)> visit) const {
+  const OfShard& of = shards_[run.of];
+  for (std::size_t i = 0; i < run.disk_run.count; ++i) {
+    const math::IndexBox units =
+        of.reader->samples()->UnitsOf(of.reader->block_id(of.ordinals[run.disk_run.first + i]));
+    math::Index3 unit;
+    for (unit.z = units.begin.z; unit.z < units.end.z; ++unit.z) {
+      for (unit.y = units.begin.y; unit.y < units.end.y; ++unit.y) {
+        for (unit.x = units.begin.x; unit.x < units.end.x; ++unit.x) {
+          visit(unit);
+        }
+      }
+    }
+  }
+}
+
+// What is in memory comes first, before other units take its place.
+void BlockReads::SortByUnits() {
+  struct Place {
+    Run run;
+    bool is_missing = false;  // a unit of it
+    math::Index3 unit{0, 0, 0};
+  };
+  std::vector<Place> places;
+  places.reserve(runs_.size());
+  for (const Run& run : runs_) {
+    const OfShard& of = shards_[run.of];
+    const store::SampleReader& samples = *of.reader->samples();
+    Place place{
+        .run = run,
+        .unit = samples.UnitsOf(of.reader->block_id(of.ordinals[run.disk_run.first])).begin};
+    ForEachUnit(run, [&](const math::Index3& unit) {
+      place.is_missing = place.is_missing || !samples.HasUnit(unit);
+    });
+    places.push_back(place);
+  }
+  std::stable_sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
+    return a.is_missing != b.is_missing ? b.is_missing : math::IsBeforeInZOrder(a.unit, b.unit);
+  });
+  std::transform(places.begin(), places.end(), runs_.begin(),
+                 [](const Place& place) { return place.run; });
+}
+
+// Returns the units of a far source in the order in which the runs need them. A unit comes again if
+// so many others were needed since that it may have been dropped.
+std::vector<UnitReadAhead::Unit> BlockReads::PlanUnitsAhead() {
+  std::vector<UnitReadAhead::Unit> units;
+  absl::flat_hash_map<std::array<std::int64_t, 3>, std::size_t> last_listed;
+  bool is_any_missing = false;
+  for (Run& run : runs_) {
+    run.unit_count_before = units.size();
+    const store::SampleReader* const samples = shards_[run.of].reader->samples();
+    if (samples->is_local()) {
+      return {};
+    }
+    ForEachUnit(run, [&](const math::Index3& unit) {
+      const auto [listed, is_new] = last_listed.try_emplace({unit.x, unit.y, unit.z}, units.size());
+      if (is_new || units.size() - listed->second > samples->max_units_ahead()) {
+        listed->second = units.size();
+        is_any_missing = is_any_missing || !samples->HasUnit(unit);
+        units.push_back({.reader = samples, .index = unit});
+      }
+    });
+  }
+  return is_any_missing ? units : std::vector<UnitReadAhead::Unit>();
 }
 
 absl::Status BlockReads::ForEach(const AgentResources& resources,
@@ -33,42 +110,57 @@ absl::Status BlockReads::ForEach(const AgentResources& resources,
                                  const Pauses& pauses) {
   ReadWatch watch{.trace = resources.trace, .frames = resources.frames};
   if (AgentMetrics* const metrics = resources.metrics; metrics != nullptr) {
-    metrics->reads.Add(static_cast<std::int64_t>(reads_.size()));
+    metrics->reads.Add(static_cast<std::int64_t>(runs_.size()));
     metrics->read_bytes.Add(read_bytes_);
     watch.wait = &metrics->read_wait;
   }
+  std::optional<UnitReadAhead> ahead;
+  std::vector<std::unique_ptr<io::RandomAccessFile>> files;  // of index-only shards
+  if (is_index_only_) {
+    ahead.emplace(PlanUnitsAhead(), cancellation);
+    for (const OfShard& of : shards_) {
+      files.push_back(of.reader->OpenSourceBlocks(cancellation));
+    }
+  }
+  std::vector<io::ReadQueue::Read> reads;
+  reads.reserve(runs_.size());
+  for (const Run& run : runs_) {
+    reads.push_back(shards_[run.of].reader->RequestFor(run.disk_run));
+    if (is_index_only_) {
+      reads.back().file = files[run.of].get();
+    }
+  }
   // A far source is read by many threads; a ring reads by one what is no file.
-  const bool is_index_only = std::any_of(
-      shards_.begin(), shards_.end(), [](const OfShard& of) { return of.reader->is_index_only(); });
-  io::ReadQueue queue(std::move(reads_), {.backend = is_index_only ? io::ReadBackend::kThreads
+  io::ReadQueue queue(std::move(reads), {.backend = is_index_only_ ? io::ReadBackend::kThreads
                                                                    : io::ReadBackend::kAutomatic,
-                                          .max_bytes = resources.max_read_bytes});
+                                         .max_bytes = resources.max_read_bytes});
   return ForEachArrival(
       &queue, resources.arena, cancellation,
-      [&](const io::ReadQueue::Arrival& arrival) { return VisitArrival(arrival, visit, pauses); },
+      [&](const io::ReadQueue::Arrival& arrival) {
+        if (ahead.has_value()) {
+          ahead->HasUsed(runs_[arrival.index()].unit_count_before);
+        }
+        return VisitArrival(arrival, visit, pauses);
+      },
       pauses, watch);
 }
 
 // Visits the blocks of an arrival that were not visited yet, until a pause is due.
 absl::StatusOr<ArrivalWork> BlockReads::VisitArrival(const io::ReadQueue::Arrival& arrival,
                                                      Visit visit, const Pauses& pauses) {
-  const OfShard& of = *(std::upper_bound(shards_.begin(), shards_.end(), arrival.index(),
-                                         [](std::size_t read, const OfShard& shard) {
-                                           return read < shard.first_read;
-                                         }) -
-                        1);
-  std::size_t& visited = visited_[arrival.index()];
-  store::ShardReader::DiskRun rest = of.disk_runs[arrival.index() - of.first_read];
+  Run& run = runs_[arrival.index()];
+  const OfShard& of = shards_[run.of];
+  store::ShardReader::DiskRun rest = run.disk_run;
   const std::size_t run_end = rest.first + rest.count;  // of the shard's ordinals
-  rest.first += visited;
-  rest.count -= visited;
+  rest.first += run.visited_count;
+  rest.count -= run.visited_count;
   std::size_t next = rest.first;
   bool is_paused = false;
   absl::Status status = of.reader->VisitDiskRun(
       rest, of.ordinals, arrival.status(), arrival.data(),
       [&](const volume::BlockSamples& samples) {
         const std::size_t block = of.first_block + next++;
-        ++visited;
+        ++run.visited_count;
         ISOSCOPE_RETURN_IF_ERROR(visit(block, samples));
         is_paused = next < run_end && pauses.is_due();
         return is_paused ? absl::AbortedError("a pause is due") : absl::OkStatus();

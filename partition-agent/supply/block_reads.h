@@ -18,6 +18,7 @@
 #include "partition-agent/memory/agent_resources.h"
 #include "partition-agent/memory/queued_reads.h"
 #include "partition-agent/shard/shard.h"
+#include "partition-agent/supply/unit_read_ahead.h"
 
 namespace isoscope::agent {
 
@@ -32,7 +33,9 @@ struct BlockToRead {
   }
 };
 
-// The disk runs of some blocks. For a single use, by one thread.
+// The disk runs of some blocks. For a single use, by one thread. Those of index-only shards are read
+// so that a unit of the source is used while it is in memory: what is there at first, then the rest in
+// the z-order of units. Those of a far source are read ahead (unit_read_ahead.h).
 class BlockReads {
  public:
   // shards: outlive it
@@ -52,18 +55,25 @@ class BlockReads {
   struct OfShard {
     const store::ShardReader* reader = nullptr;
     std::vector<std::uint32_t> ordinals;
-    std::vector<store::ShardReader::DiskRun> disk_runs;
     std::size_t first_block = 0;  // of its ordinals, in `blocks`
-    std::size_t first_read = 0;   // of its disk runs, in the queue
+  };
+  struct Run {
+    std::size_t of = 0;  // in shards_
+    store::ShardReader::DiskRun disk_run;
+    std::size_t visited_count = 0;      // blocks
+    std::size_t unit_count_before = 0;  // that are read ahead for the runs before it
   };
 
+  void ForEachUnit(const Run& run, absl::FunctionRef<void(const math::Index3&)> visit) const;
+  void SortByUnits();
+  std::vector<UnitReadAhead::Unit> PlanUnitsAhead();
   absl::StatusOr<ArrivalWork> VisitArrival(const io::ReadQueue::Arrival& arrival, Visit visit,
                                            const Pauses& pauses);
 
   std::vector<OfShard> shards_;
-  std::vector<io::ReadQueue::Read> reads_;
+  std::vector<Run> runs_;  // in the order of their reads
   std::int64_t read_bytes_ = 0;
-  std::vector<std::size_t> visited_;  // blocks of each read
+  bool is_index_only_ = false;
 };
 
 }  // namespace isoscope::agent

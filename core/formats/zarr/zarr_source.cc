@@ -49,7 +49,7 @@ class ZarrSource final : public VolumeSource {
                         std::int64_t end_y, char* out) override {
     const std::int64_t row_samples = info().geometry.sample_dims.x;
     return ReadSpace({.begin = {0, begin_y, begin_z}, .end = {row_samples, end_y, end_z}}, out,
-                     &cache_);
+                     &cache_, *cancellation_);
   }
 
   void HeedCancellation(const base::Cancellation* cancellation) override {
@@ -68,7 +68,8 @@ class ZarrSource final : public VolumeSource {
         planes = (end_row - begin_row) / dims.y;
       }
       ISOSCOPE_RETURN_IF_ERROR(
-          ReadSpace({.begin = {0, y, z}, .end = {dims.x, y + rows, z + planes}}, out, &cache_));
+          ReadSpace({.begin = {0, y, z}, .end = {dims.x, y + rows, z + planes}}, out, &cache_,
+                    *cancellation_));
       out += planes * rows * info().row_bytes();
       begin_row += planes * rows;
     }
@@ -88,12 +89,14 @@ class ZarrSource final : public VolumeSource {
         .origin = {0, 0, 0},
         .box_dims = {chunk[part_.space[2]], chunk[part_.space[1]], chunk[part_.space[0]]}};
   }
-  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
-    return ReadSpace(box, out, nullptr);
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
+                                     const base::Cancellation& cancellation) const override {
+    return ReadSpace(box, out, nullptr, cancellation);
   }
 
  private:
-  absl::Status ReadSpace(const math::IndexBox& space, char* out, ChunkCache* cache) const {
+  absl::Status ReadSpace(const math::IndexBox& space, char* out, ChunkCache* cache,
+                         const base::Cancellation& cancellation) const {
     ChunkBox box{.begin = part_.index, .end = part_.index};
     for (std::int64_t& end : box.end) {
       ++end;
@@ -106,7 +109,7 @@ class ZarrSource final : public VolumeSource {
     const auto samples = static_cast<std::size_t>(math::Volume(space.dims()));
     char* const stored =
         out + samples * (volume::SizeOf(info().type) - SizeOf(array_->info().type));
-    ISOSCOPE_RETURN_IF_ERROR(array_->ReadBox(box, stored, cache, *cancellation_));
+    ISOSCOPE_RETURN_IF_ERROR(array_->ReadBox(box, stored, cache, cancellation));
     if (!packing_.is_plain()) {
       UnpackZarr(packing_, array_->info().type, samples, stored, out);
     }

@@ -137,14 +137,15 @@ class AdjustedSource final : public VolumeSource {
     return grid;
   }
 
-  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
+                                     const base::Cancellation& cancellation) const override {
     math::IndexBox whole;
     for (int axis = 0; axis < 3; ++axis) {
       whole.begin[axis] = box_.begin[axis] + box.begin[axis] * stride_;
       whole.end[axis] = box_.begin[axis] + (box.end[axis] - 1) * stride_ + 1;
     }
     if (stride_ == 1 && info().type == source_->info().type && !fill_.has_value()) {
-      return source_->ReadBox(whole, out);
+      return source_->ReadBox(whole, out, cancellation);
     }
     // As many planes at once as the bound allows, one at least.
     const math::Index3 dims = box.dims();
@@ -160,7 +161,7 @@ class AdjustedSource final : public VolumeSource {
       part.begin.z = whole.begin.z + z * stride_;
       part.end.z = part.begin.z + (count - 1) * stride_ + 1;
       run.resize(static_cast<std::size_t>(part.dims().z * plane_bytes));
-      ISOSCOPE_RETURN_IF_ERROR(source_->ReadBox(part, run.data()));
+      ISOSCOPE_RETURN_IF_ERROR(source_->ReadBox(part, run.data(), cancellation));
       for (std::int64_t row = 0; row < count * dims.y; ++row) {
         TakePart(
             run.data() + row / dims.y * stride_ * plane_bytes + row % dims.y * stride_ * row_bytes,

@@ -41,8 +41,9 @@ class PlacedSource final : public VolumeSource {
     source_->HeedCancellation(cancellation);
   }
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override { return source_->box_grid(); }
-  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
-    return source_->ReadBox(box, out);
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
+                                     const base::Cancellation& cancellation) const override {
+    return source_->ReadBox(box, out, cancellation);
   }
 
  private:

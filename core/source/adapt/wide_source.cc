@@ -81,11 +81,12 @@ class WideSource final : public VolumeSource {
   }
 
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override { return stored_->box_grid(); }
-  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
+                                     const base::Cancellation& cancellation) const override {
     const math::Index3 dims = box.dims();
     const auto count = static_cast<std::size_t>(math::Volume(dims));
     char* const stored = StoredIn(count, out);
-    ISOSCOPE_RETURN_IF_ERROR(stored_->ReadBox(box, stored));
+    ISOSCOPE_RETURN_IF_ERROR(stored_->ReadBox(box, stored, cancellation));
     const std::size_t widened = Widen(count, stored, out);
     const auto index = static_cast<std::int64_t>(widened);
     return widened == count

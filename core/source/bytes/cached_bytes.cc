@@ -43,6 +43,7 @@ class CachedBytes final : public io::RandomAccessFile {
   }
   [[nodiscard]] std::int64_t size_bytes() const override { return bytes_->size_bytes(); }
   [[nodiscard]] const std::string& path() const override { return path_; }
+  [[nodiscard]] const ByteSource& bytes() const { return *bytes_; }
 
  private:
   struct Block {
@@ -102,6 +103,11 @@ class CachedBytes final : public io::RandomAccessFile {
 std::unique_ptr<io::RandomAccessFile> MakeCachedFile(std::shared_ptr<const ByteSource> bytes,
                                                      std::string path) {
   return std::make_unique<CachedBytes>(std::move(bytes), std::move(path));
+}
+
+const ByteSource* BytesOf(const io::RandomAccessFile& file) {
+  const auto* const cached = dynamic_cast<const CachedBytes*>(&file);
+  return cached == nullptr ? nullptr : &cached->bytes();
 }
 
 }  // namespace isoscope::source

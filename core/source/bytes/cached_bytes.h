@@ -29,6 +29,10 @@ inline constexpr std::int64_t kDirectReadBytes = 256 * base::kKiB;
 std::unique_ptr<io::RandomAccessFile> MakeCachedFile(std::shared_ptr<const ByteSource> bytes,
                                                      std::string path);
 
+// The bytes of such a file, for many reads at once that are not worth keeping; they live as long as
+// it. Null: it is another file.
+const ByteSource* BytesOf(const io::RandomAccessFile& file);
+
 }  // namespace isoscope::source
 
 #endif  // ISOSCOPE_CORE_SOURCE_BYTES_CACHED_BYTES_H_

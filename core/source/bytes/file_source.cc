@@ -7,7 +7,8 @@
 //    the output, and rescaled from front to back (rescale.h).
 //
 // A box is read row by row by a reader of its own. Where the rows of a plane lie close together,
-// they are read at once, with what lies between them.
+// they are read at once, with what lies between them. Of a file at an address, the rows of many
+// planes are fetched together, before they are read one by one.
 //
 // An encoded file can only be read forwards. Reading before its position starts it over, so such
 // a source is not seekable. CheckFiles compares sizes at the start, where files show them.
@@ -17,8 +18,11 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <map>
+#include <optional>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -32,6 +36,8 @@
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/rescale.h"
 #include "core/source/bytes/byte_order.h"
+#include "core/source/bytes/byte_source.h"
+#include "core/source/bytes/cached_bytes.h"
 #include "core/source/bytes/decoded_stream.h"
 #include "core/source/bytes/zip_file.h"
 
@@ -43,6 +49,12 @@ constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
 
 // The boxes of a file without chunks: rows so long that a read pays, and few samples around a block.
 constexpr math::Index3 kBoxDims{128, 32, 32};
+// Those at an address have whole rows if they are not larger than that, and longer stretches of them:
+// a request costs a round trip.
+constexpr std::int64_t kFarBoxBytes = 4 * base::kMiB;
+constexpr std::int64_t kFarStretchBytes = 64 * base::kKiB;
+// Of stretches that are fetched together.
+constexpr std::int64_t kFetchedBytes = base::kMiB;
 // Rows of a plane are read at once if that reads at most this many times their bytes.
 constexpr std::int64_t kMaxRowOverhead = 4;
 
@@ -71,8 +83,54 @@ class StoredBytes {
   // INVALID_ARGUMENT if an uncompressed file is too short.
   absl::Status CheckFiles(const volume::GridGeometry& geometry);
 
+  // Whether the samples are at an address.
+  [[nodiscard]] bool is_far() const { return io::IsMounted(location_.files.front()); }
+
+  // A stretch of bytes as of Read.
+  struct Stretch {
+    std::int64_t begin = 0;
+    std::size_t size = 0;
+  };
+  // Fetches stretches from an address, all at once; Read finds them until the next call. Leaves to
+  // Read those that it can't fetch so. REQUIRES: they are ascending; no sample is encoded.
+  absl::Status Fetch(const std::vector<Stretch>& stretches,
+                     const base::Cancellation& cancellation) {
+    fetched_.clear();
+    fetched_.reserve(stretches.size());  // ranges point into it
+    for (std::size_t first = 0; first < stretches.size();) {
+      const auto file = static_cast<std::size_t>(stretches[first].begin / bytes_per_file_);
+      ISOSCOPE_RETURN_IF_ERROR(Open(file));
+      const std::optional<io::MountedFile> mounted = io::FindMounted(location_.files[file]);
+      const ByteSource* const bytes = mounted.has_value() ? BytesOf(*mounted->file) : nullptr;
+      if (bytes == nullptr) {
+        fetched_.clear();
+        return absl::OkStatus();
+      }
+      std::vector<ByteRange> ranges;
+      std::size_t last = first;
+      for (; last < stretches.size() &&
+             stretches[last].begin / bytes_per_file_ == static_cast<std::int64_t>(file);
+           ++last) {
+        const auto [begin, size] = stretches[last];
+        const std::int64_t within = begin % bytes_per_file_;
+        if (within + static_cast<std::int64_t>(size) <= bytes_per_file_) {  // not of two files
+          fetched_.push_back({.begin = begin, .bytes = std::string(size, '\0')});
+          ranges.push_back(
+              {.offset = offset() + within, .size = size, .out = fetched_.back().bytes.data()});
+        }
+      }
+      ISOSCOPE_RETURN_IF_ERROR(bytes->ReadRanges(ranges, cancellation));
+      first = last;
+    }
+    return absl::OkStatus();
+  }
+
   // Bytes [begin, begin + size).
   absl::Status Read(std::int64_t begin, std::size_t size, char* out) {
+    if (const char* const fetched = FindFetched(begin, size); fetched != nullptr) {
+      std::copy_n(fetched, size, out);
+      return absl::OkStatus();
+    }
     while (size > 0) {
       ISOSCOPE_RETURN_IF_ERROR(Open(static_cast<std::size_t>(begin / bytes_per_file_)));
       const std::int64_t within = begin % bytes_per_file_;
@@ -88,6 +146,24 @@ class StoredBytes {
   }
 
  private:
+  struct Fetched {
+    std::int64_t begin = 0;
+    std::string bytes;
+  };
+
+  // Null: they were not fetched.
+  [[nodiscard]] const char* FindFetched(std::int64_t begin, std::size_t size) const {
+    const auto behind = std::upper_bound(
+        fetched_.begin(), fetched_.end(), begin,
+        [](std::int64_t at, const Fetched& fetched) { return at < fetched.begin; });
+    if (behind == fetched_.begin()) {
+      return nullptr;
+    }
+    const Fetched& fetched = *std::prev(behind);
+    const auto within = static_cast<std::size_t>(begin - fetched.begin);
+    return within + size <= fetched.bytes.size() ? fetched.bytes.data() + within : nullptr;
+  }
+
   absl::Status Open(std::size_t index) {
     if (file_ != nullptr && index == open_index_) {
       return absl::OkStatus();
@@ -165,6 +241,7 @@ class StoredBytes {
   SampleLocation location_;
   std::int64_t bytes_per_file_;
   std::map<std::size_t, std::int64_t> end_skips_;  // of DecodedSkip, by file
+  std::vector<Fetched> fetched_;                   // ascending
   std::size_t open_index_ = 0;
   std::unique_ptr<io::RandomAccessFile> file_;
   std::unique_ptr<DecodedStream> stream_;
@@ -230,9 +307,22 @@ class FileSource final : public VolumeSource {
   }
 
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
-    return location().is_encoded() ? std::nullopt : std::optional<BoxGrid>({.box_dims = kBoxDims});
+    if (location().is_encoded()) {
+      return std::nullopt;
+    }
+    math::Index3 dims = kBoxDims;
+    const std::int64_t row = info().geometry.sample_dims.x;
+    if (row * dims.y * dims.z * tuple_bytes() <= kFarBoxBytes && stored_.is_far()) {
+      dims.x = row;
+      while (row * dims.y * tuple_bytes() < kFarStretchBytes && dims.z > 8) {
+        dims.y *= 2;
+        dims.z /= 2;
+      }
+    }
+    return BoxGrid{.box_dims = dims};
   }
-  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
+                                     const base::Cancellation& cancellation) const override {
     const math::Index3& whole = info().geometry.sample_dims;
     const math::Index3 dims = box.dims();
     const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(info().type));
@@ -241,7 +331,18 @@ class FileSource final : public VolumeSource {
     std::vector<char> tuples;
     std::vector<char> rows;
     const bool is_dense = whole.x <= kMaxRowOverhead * dims.x;
+    const bool is_far = stored_.is_far();
+    const std::int64_t plane_bytes =
+        (is_dense ? (dims.y - 1) * whole.x + dims.x : dims.y * dims.x) * tuple_bytes();
+    const std::int64_t planes = std::max<std::int64_t>(kFetchedBytes / plane_bytes, 1);
     for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+      if (is_far && (z - box.begin.z) % planes == 0) {
+        math::IndexBox part = box;
+        part.begin.z = z;
+        part.end.z = std::min(z + planes, box.end.z);
+        ISOSCOPE_RETURN_IF_ERROR(stored.Fetch(StretchesOf(part, is_dense), cancellation));
+      }
       if (is_dense) {
         rows.resize(static_cast<std::size_t>(((dims.y - 1) * whole.x + dims.x) * sample_bytes));
         ISOSCOPE_RETURN_IF_ERROR(ReadSamples((z * whole.y + box.begin.y) * whole.x + box.begin.x,
@@ -263,6 +364,24 @@ class FileSource final : public VolumeSource {
   }
 
  private:
+  // The stretches that ReadBox reads of a box: of each plane one, or one of each row.
+  [[nodiscard]] std::vector<StoredBytes::Stretch> StretchesOf(const math::IndexBox& box,
+                                                              bool is_dense) const {
+    const math::Index3& whole = info().geometry.sample_dims;
+    const math::Index3 dims = box.dims();
+    const std::int64_t begin = location().volume * math::Volume(whole);
+    std::vector<StoredBytes::Stretch> stretches;
+    for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+      for (std::int64_t y = box.begin.y; y < (is_dense ? box.begin.y + 1 : box.end.y); ++y) {
+        const std::int64_t count = is_dense ? (dims.y - 1) * whole.x + dims.x : dims.x;
+        stretches.push_back(
+            {.begin = (begin + (z * whole.y + y) * whole.x + box.begin.x) * tuple_bytes(),
+             .size = static_cast<std::size_t>(count * tuple_bytes())});
+      }
+    }
+    return stretches;
+  }
+
   // Reads samples of the volume, from number `first` on. tuples: a buffer
   absl::Status ReadSamples(std::int64_t first, std::size_t count, StoredBytes* from,
                            std::vector<char>* tuples, char* out) const {

@@ -45,9 +45,9 @@ struct BearerToken {
 struct RemoteOptions {
   RetryRules retry;
   // A gap costs less than a round trip; a piece lasts seconds, so that one that breaks off is cheap,
-  // and 16 of them fill a fast line.
+  // and some of them fill a fast line.
   RangeRules ranges = {.max_gap_bytes = 256 * base::kKiB, .max_piece_bytes = 8 * base::kMiB};
-  int max_requests_per_host = 16;  // at a time; all others wait
+  int max_requests_per_host = 32;  // at a time; all others wait
 
   absl::Duration connect_timeout = absl::Seconds(10);  // until TLS is there
   absl::Duration head_timeout = absl::Seconds(60);     // from the request to the end of the headers

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstring>
+#include <memory>
 #include <string>
 #include <thread>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "gtest/gtest.h"
 #include "oneapi/tbb/parallel_for.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/random.h"
 #include "tests/support/status_matchers.h"
 
@@ -18,15 +20,18 @@ namespace {
 
 using ::isoscope::testing::StatusIs;
 
+const base::Cancellation kNever;
+
 absl::Status Fill(std::int64_t unit, std::size_t size, char* out) {
   std::memset(out, static_cast<int>(unit % 251), size);
   return absl::OkStatus();
 }
 
 TEST(UnitCacheTest, MakesAUnitOnceAndDropsTheOldest) {
-  UnitCache cache(8000);  // 4000 are kept
+  UnitCache cache(7000);  // 4000 are kept beside one in the making
   const auto get = [&](std::int64_t unit) {
-    return cache.Get({1, unit}, 1000, 0, [unit](char* out) { return Fill(unit, 1000, out); });
+    return cache.Get({1, unit}, 1000, 0, kNever,
+                     [unit](char* out) { return Fill(unit, 1000, out); });
   };
   for (const std::int64_t unit : {0, 1, 2, 3, 0, 1, 2, 3}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto bytes, get(unit));
@@ -47,15 +52,69 @@ TEST(UnitCacheTest, MakesAUnitOnceAndDropsTheOldest) {
 TEST(UnitCacheTest, AnErrorIsNotKept) {
   UnitCache cache(8000);
   const auto fail = [](char*) { return absl::UnavailableError("now"); };
-  EXPECT_THAT(cache.Get({1, 1}, 10, 0, fail), StatusIs(absl::StatusCode::kUnavailable));
-  ISOSCOPE_EXPECT_OK(cache.Get({1, 1}, 10, 0, [](char* out) { return Fill(1, 10, out); }).status());
+  EXPECT_THAT(cache.Get({1, 1}, 10, 0, kNever, fail), StatusIs(absl::StatusCode::kUnavailable));
+  ISOSCOPE_EXPECT_OK(
+      cache.Get({1, 1}, 10, 0, kNever, [](char* out) { return Fill(1, 10, out); }).status());
 }
 
 TEST(UnitCacheTest, RefusesWhatItHasNoRoomFor) {
   UnitCache cache(8000);
   const auto make = [](char* out) { return Fill(1, 10, out); };
-  ISOSCOPE_EXPECT_OK(cache.Get({1, 1}, 10, 1333, make).status());
-  EXPECT_THAT(cache.Get({1, 2}, 1334, 0, make), StatusIs(absl::StatusCode::kResourceExhausted));
+  ISOSCOPE_EXPECT_OK(cache.Get({1, 1}, 10, 1333, kNever, make).status());
+  EXPECT_THAT(cache.Get({1, 2}, 1334, 0, kNever, make),
+              StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
+// A thread that waits for the unit of another one: it learns of an error, makes the unit itself if
+// the other one was cancelled, and can be cancelled.
+TEST(UnitCacheTest, WhoWaitsGetsWhatTheMakerGot) {
+  UnitCache cache(8000);
+  base::Cancellation given_up;
+  for (const absl::Status& end : {absl::OkStatus(), absl::UnavailableError("no answer"),
+                                  absl::CancelledError("the frame"), absl::OkStatus()}) {
+    static std::int64_t unit = 0;
+    ++unit;
+    const bool is_last = unit == 4;
+    std::atomic<int> made{0};
+    std::atomic<bool> may_end{false};
+    std::atomic<bool> has_begun{false};
+    const auto make = [&](char* out) {
+      if (++made > 1) {
+        return Fill(unit, 10, out);
+      }
+      has_begun = true;
+      may_end.wait(false);
+      return end.ok() ? Fill(unit, 10, out) : end;
+    };
+    std::thread maker([&] { EXPECT_EQ(cache.Get({1, unit}, 10, 0, kNever, make).status(), end); });
+    while (!has_begun) {
+      std::this_thread::yield();
+    }
+    EXPECT_TRUE(cache.Has({1, unit}));
+    absl::StatusOr<std::shared_ptr<const std::string>> got;
+    std::thread waiter([&] {
+      got = cache.Get({1, unit}, 10, 0, is_last ? given_up : kNever, make);
+    });
+    if (is_last) {
+      given_up.Cancel();
+      waiter.join();  // before the maker has ended
+      EXPECT_THAT(got, StatusIs(absl::StatusCode::kCancelled));
+    }
+    may_end = true;
+    may_end.notify_all();
+    maker.join();
+    if (is_last) {
+      continue;
+    }
+    waiter.join();
+    if (absl::IsUnavailable(end) && made == 1) {
+      EXPECT_EQ(got.status(), end);
+    } else {
+      ISOSCOPE_ASSERT_OK(got.status());
+      EXPECT_EQ(**got, std::string(10, static_cast<char>(unit)));
+    }
+    EXPECT_EQ(cache.Has({1, unit}), got.ok());
+  }
 }
 
 // Many threads, which compute in parallel while they make units, and little room.
@@ -69,7 +128,7 @@ TEST(UnitCacheTest, ThreadsMakeEachUnitOnce) {
     const auto read = [&](std::int64_t i) {
       const auto unit =
           static_cast<std::int64_t>(base::RandomBits(3, static_cast<std::uint64_t>(i)) % 20);
-      const auto bytes = cache->Get({1, unit}, 1000, 0, [&](char* out) {
+      const auto bytes = cache->Get({1, unit}, 1000, 0, kNever, [&](char* out) {
         const int now = ++under_way;
         for (int before = most; before < now && !most.compare_exchange_weak(before, now);) {
         }

@@ -9,6 +9,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/cancellation.h"
+#include "core/base/status_macros.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::store {
@@ -22,13 +24,22 @@ using ::testing::HasSubstr;
 class Letters final : public SampleReader {
  public:
   explicit Letters(bool is_local) : is_local_(is_local) {}
-  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, char* out) const override {
+  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, const base::Cancellation& cancellation,
+                                       char* out) const override {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     if (id == 5) {
       return absl::NotFoundError("a.raw: no such file");
     }
     std::fill_n(out, 10 * (id + 1), static_cast<char>('a' + id));
     return absl::OkStatus();
   }
+  [[nodiscard]] math::IndexBox UnitsOf(volume::BlockId /*id*/) const override { return {}; }
+  [[nodiscard]] absl::Status ReadUnit(const math::Index3& /*unit*/,
+                                      const base::Cancellation& /*cancellation*/) const override {
+    return absl::OkStatus();
+  }
+  [[nodiscard]] bool HasUnit(const math::Index3& /*unit*/) const override { return true; }
+  [[nodiscard]] std::size_t max_units_ahead() const override { return 1; }
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] bool is_local() const override { return is_local_; }
 
@@ -37,17 +48,29 @@ class Letters final : public SampleReader {
   const bool is_local_;
 };
 
-std::unique_ptr<io::RandomAccessFile> MakeFile(bool is_local) {
-  return MakeSourceBlocksFile("s/blocks.bin", 10 + 20 + 30 + 40 + 50 + 60,
-                              std::make_shared<const Letters>(is_local), [](std::int64_t offset) {
-                                BlockPlace place{.block_id = 0, .offset = 0, .size = 10};
-                                while (offset >= place.offset + place.size) {
-                                  place = {.block_id = place.block_id + 1,
-                                           .offset = place.offset + place.size,
-                                           .size = place.size + 10};
-                                }
-                                return place;
-                              });
+std::unique_ptr<io::RandomAccessFile> MakeFile(bool is_local,
+                                               const base::Cancellation* cancellation = nullptr) {
+  return MakeSourceBlocksFile(
+      "s/blocks.bin", 10 + 20 + 30 + 40 + 50 + 60, std::make_shared<const Letters>(is_local),
+      [](std::int64_t offset) {
+        BlockPlace place{.block_id = 0, .offset = 0, .size = 10};
+        while (offset >= place.offset + place.size) {
+          place = {.block_id = place.block_id + 1,
+                   .offset = place.offset + place.size,
+                   .size = place.size + 10};
+        }
+        return place;
+      },
+      cancellation);
+}
+
+TEST(SourceBlocksFileTest, ReadsEndWithTheirCancellation) {
+  base::Cancellation cancellation;
+  const auto file = MakeFile(false, &cancellation);
+  std::string bytes(15, '\0');
+  ISOSCOPE_EXPECT_OK(file->ReadAt(0, bytes.size(), bytes.data()));
+  cancellation.Cancel();
+  EXPECT_THAT(file->ReadAt(0, bytes.size(), bytes.data()), StatusIs(absl::StatusCode::kCancelled));
 }
 
 TEST(SourceBlocksFileTest, ReadsEveryStretch) {
