@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -194,14 +195,33 @@ struct Known {
   std::map<std::string, KnownStore> stores ABSL_GUARDED_BY(mutex);  // by path of the root
   std::map<std::string, std::shared_ptr<const ByteSource>> objects ABSL_GUARDED_BY(mutex);
 
-  base::Mutex finding;  // held while a server is asked; before `mutex`
-  std::map<std::string, Found> found ABSL_GUARDED_BY(finding);
+  base::Mutex finding;  // never held while a server is asked
+  base::CondVar has_found;
+  std::map<std::string, Found> found ABSL_GUARDED_BY(finding);  // by path
+  std::set<std::string> in_search ABSL_GUARDED_BY(finding);     // paths that a thread asks for
 };
 
 Known& KnownOfProcess() {
   static auto* const known = new Known;
   return *known;
 }
+
+// Others may ask for the path once it goes out of scope, also by an exception.
+class SearchEnd {
+ public:
+  explicit SearchEnd(const std::string& path) : path_(path) {}
+  ~SearchEnd() {
+    Known& known = KnownOfProcess();
+    const base::MutexLock lock(&known.finding);
+    known.in_search.erase(path_);
+    known.has_found.SignalAll();
+  }
+  SearchEnd(const SearchEnd&) = delete;
+  SearchEnd& operator=(const SearchEnd&) = delete;
+
+ private:
+  const std::string& path_;
+};
 
 // ---- Finding. -----------------------------------------------------------------------------------
 
@@ -286,11 +306,12 @@ absl::Status FindObject(const Address& address, const RemoteOptions& options) {
                             OpenAddress(RequestTextOf(address), options, base::ProcessInterrupt()));
   const std::string path = PathOfAddress(address);
   const std::string version = bytes->version();
-  io::MountFile({.file = MakeCachedFile(bytes, path),
-                 .version = absl::StrCat(version, DigestOf(address.query)),
-                 .tells_all = !version.empty()});
+  io::MountedFile file{.file = MakeCachedFile(bytes, path),
+                       .version = absl::StrCat(version, DigestOf(address.query)),
+                       .tells_all = !version.empty()};
   Known& known = KnownOfProcess();
-  const base::MutexLock lock(&known.mutex);
+  const base::MutexLock lock(&known.mutex);  // both are of one request
+  io::MountFile(std::move(file));
   known.objects[path] = std::move(bytes);
   return absl::OkStatus();
 }
@@ -411,15 +432,27 @@ absl::StatusOr<AddressSource> FindAtAddress(const std::string& path) {
     }
     address = found->second;
   }
-  const base::MutexLock lock(&known.finding);
-  Found& found = known.found[path];
-  const bool is_fresh = found.at != base::MonotonicTime();
-  if (is_fresh && (found.source.ok() || base::MonotonicNow() - found.at < kErrorLife)) {
-    return found.source;
+  // A path that another thread asks for is waited for, and no other.
+  std::optional<absl::StatusOr<AddressSource>> answer;
+  ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(
+      base::ProcessInterrupt(), &known.finding, &known.has_found,
+      [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(known.finding) {
+        const auto found = known.found.find(path);
+        if (found != known.found.end() &&
+            (found->second.source.ok() || base::MonotonicNow() - found->second.at < kErrorLife)) {
+          answer = found->second.source;
+          return true;
+        }
+        return known.in_search.insert(path).second;
+      }));
+  if (answer.has_value()) {
+    return *std::move(answer);
   }
-  found.source = FindFirst(address);
-  found.at = base::MonotonicNow();
-  return found.source;
+  const SearchEnd search_end(path);
+  absl::StatusOr<AddressSource> source = FindFirst(address);
+  const base::MutexLock lock(&known.finding);
+  known.found[path] = {.source = source, .at = base::MonotonicNow()};
+  return source;
 }
 
 absl::StatusOr<std::unique_ptr<ZarrStore>> OpenZarrAtAddress(const std::string& file) {

@@ -39,7 +39,7 @@ struct AddressSource {
 // (RemoteOptionsFromEnvironment). The first call asks the server. Later ones return the same: a file
 // that changes in between is DATA_LOSS of a read. Errors as OpenAddress (core/source/remote), also
 // with advice: NOT_FOUND if there is neither an object nor a store. An error is returned again for
-// some seconds. Thread-safe.
+// some seconds. Thread-safe: calls of one path wait for each other, until the process's interrupt.
 absl::StatusOr<AddressSource> FindAtAddress(const std::string& path);
 
 // Opens the store, a folder, or an archive that is mounted. REQUIRES: FindAtAddress returned `file`.

@@ -17,13 +17,13 @@
 #include <cstddef>
 #include <map>
 #include <optional>
-#include <thread>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
+#include "oneapi/tbb/info.h"
 #include "oneapi/tbb/parallel_for.h"
 #include "oneapi/tbb/task_group.h"
 
@@ -462,7 +462,7 @@ absl::StatusOr<std::unique_ptr<ChunkedArray>> OpenStoredArray(
   const std::int64_t batch =
       std::max(MaxCompressedBytes(kBatchBytes), chunk_codecs.encoded().size_bytes);
   const std::int64_t chunk = std::max<std::int64_t>(chunk_codecs.memory_bytes(), 1);
-  const std::int64_t threads = std::max<std::int64_t>(std::thread::hardware_concurrency(), 1);
+  const std::int64_t threads = std::max(tbb::info::default_concurrency(), 1);
   const std::int64_t lanes = std::clamp<std::int64_t>(kMaxDecodingBytes / chunk, 1, threads);
   const std::int64_t memory_bytes =
       2 * batch + lanes * chunk +

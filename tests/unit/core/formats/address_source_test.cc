@@ -7,13 +7,18 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/cancellation.h"
+#include "core/base/mutex.h"
+#include "core/base/process_interrupt.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/open_request.h"
 #include "core/formats/source_labels.h"
@@ -355,6 +360,92 @@ TEST_F(AddressSourceTest, LabelsAreReadOfTheHeader) {
   const auto local = ReadSourceLabels(dir_.Sub("a.nrrd"));
   ASSERT_THAT(local.status(), IsOk());
   EXPECT_EQ(labels->size(), local->size());
+}
+
+// The server does not answer for one file until it is released.
+class StalledAddressTest : public AddressSourceTest {
+ protected:
+  StalledAddressTest()
+      : stalled_server_([this](const ServedRequest& request, ServedConnection* connection) {
+          if (request.target == "/slow.nrrd") {
+            base::MutexLock lock(&mutex_);
+            has_request_ = true;
+            changed_.SignalAll();
+            changed_.Await(&mutex_,
+                           [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_released_; });
+          }
+          Serve(request, connection);
+        }) {
+    for (const char* const name : {"slow.nrrd", "quick.nrrd"}) {
+      dir_.Write(name, testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
+    }
+  }
+  ~StalledAddressTest() override { Release(); }
+
+  absl::Status Find(const std::string& name) {
+    const auto path = PathOfSource(absl::StrCat(stalled_server_.origin(), "/", name));
+    return path.ok() ? FindAtAddress(*path).status() : path.status();
+  }
+  void AwaitRequest() {
+    base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return has_request_; });
+  }
+  void Release() {
+    base::MutexLock lock(&mutex_);
+    is_released_ = true;
+    changed_.SignalAll();
+  }
+  int RequestsOf(const std::string& target) {
+    const std::vector<ServedRequest> requests = stalled_server_.requests();
+    return static_cast<int>(
+        std::count_if(requests.begin(), requests.end(),
+                      [&](const ServedRequest& request) { return request.target == target; }));
+  }
+
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  bool has_request_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_released_ ABSL_GUARDED_BY(mutex_) = false;
+  testing::ScriptedServer stalled_server_;
+};
+
+TEST_F(StalledAddressTest, OtherAddressesAreFoundMeanwhile) {
+  std::vector<absl::Status> answers(3);
+  std::vector<std::thread> threads;
+  threads.emplace_back([&] { answers[0] = Find("slow.nrrd"); });
+  AwaitRequest();
+  EXPECT_THAT(Find("quick.nrrd"), IsOk());
+  EXPECT_THAT(Find("none.nrrd"), StatusIs(absl::StatusCode::kNotFound));
+  for (std::size_t i = 1; i < answers.size(); ++i) {
+    threads.emplace_back([&answers, i, this] { answers[i] = Find("slow.nrrd"); });
+  }
+  Release();
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  for (const absl::Status& answer : answers) {
+    EXPECT_THAT(answer, IsOk());
+  }
+  EXPECT_EQ(RequestsOf("/slow.nrrd"), RequestsOf("/quick.nrrd"));
+}
+
+TEST_F(StalledAddressTest, TheInterruptEndsThoseWhoWait) {
+  base::Cancellation interrupt;
+  base::SetProcessInterrupt(&interrupt);
+  std::vector<absl::Status> answers(3);
+  std::vector<std::thread> threads;
+  for (absl::Status& answer : answers) {
+    threads.emplace_back([&answer, this] { answer = Find("slow.nrrd"); });
+  }
+  AwaitRequest();
+  interrupt.Cancel();
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  base::SetProcessInterrupt(nullptr);
+  for (const absl::Status& answer : answers) {
+    EXPECT_THAT(answer, StatusIs(absl::StatusCode::kCancelled));
+  }
 }
 
 }  // namespace

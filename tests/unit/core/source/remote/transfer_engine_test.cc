@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <future>
 #include <memory>
 #include <string>
 #include <thread>
@@ -14,6 +15,7 @@
 
 #include "tests/support/scripted_server.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
 
 namespace isoscope::source {
 namespace {
@@ -107,6 +109,41 @@ TEST(TransferEngineTest, AwaitEndsByItsTime) {
                                 group.Await(never, base::MonotonicNow() + absl::Milliseconds(10)));
   EXPECT_FALSE(finished.has_value());
   EXPECT_EQ(group.running_count(), 1u);
+}
+
+// The first request of a server has no answer: the second one has, with TLS and without.
+TEST(TransferEngineTest, OtherRequestsDoNotWaitForTheFirstAnswer) {
+  const testing::TestIdentity identity = testing::MakeTestIdentity();
+  const testing::TempDir dir;
+  const std::string ca_file = dir.Write("ca.pem", identity.certificate);
+  for (const bool has_tls : {false, true}) {
+    SCOPED_TRACE(has_tls);
+    std::promise<void> has_first;
+    const ScriptedServer server(
+        [&](const ServedRequest& request, ServedConnection* c) {
+          if (request.index == 0) {
+            has_first.set_value();
+            c->Hang();
+          } else {
+            c->Send(Answer(200, "", "body"));
+          }
+        },
+        has_tls ? &identity : nullptr);
+    const base::Cancellation never;
+    TransferGroup group(TransferEngine::OfProcess());
+    KeepingSink first;
+    KeepingSink second;
+    TransferRequest request = RequestFor(server);
+    request.ca_file = has_tls ? ca_file : "";
+    group.Start(0, request, &first);
+    has_first.get_future().wait();
+    group.Start(1, request, &second);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto finished, group.Await(never, kForever));
+    ASSERT_TRUE(finished.has_value());
+    EXPECT_EQ(finished->id, 1u);
+    EXPECT_EQ(finished->result.outcome, Outcome::kComplete);
+    EXPECT_EQ(second.body_, "body");
+  }
 }
 
 // Callers that leave at any moment, while bytes come: their sinks are not called any more.
