@@ -69,6 +69,15 @@ std::string ManifestPath(const std::string& directory) {
   return absl::StrCat(directory, "/", store::kManifestFileName);
 }
 
+// False also if the manifest can't be read: a frame that needs the volume tells.
+bool IsIndexOnly(const std::string& directory) {
+  const std::string path = ManifestPath(directory);
+  const absl::StatusOr<std::string> bytes = io::ReadWholeFile(path, store::kMaxManifestBytes);
+  const absl::StatusOr<store::Manifest> manifest =
+      bytes.ok() ? store::DecodeManifest(*bytes, path) : bytes.status();
+  return manifest.ok() && manifest->in_source.has_value();
+}
+
 }  // namespace
 
 std::shared_ptr<const Shard> OpenVolumes::Find(std::uint32_t number) {
@@ -112,9 +121,9 @@ bool OpenVolumes::HasRoomForAnother(const std::vector<std::shared_ptr<const Shar
 
 absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
     const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
-    ReadManifest read_manifest) {
-  std::unique_ptr<SeriesShard> series(
-      new SeriesShard(directory, std::move(open_volumes), std::move(read_manifest)));
+    ReadManifest read_manifest, store::OpenSamples open_samples) {
+  std::unique_ptr<SeriesShard> series(new SeriesShard(
+      directory, std::move(open_volumes), std::move(read_manifest), std::move(open_samples)));
   const base::MutexLock refreshing(&series->refreshing_);
   // The stamp comes first: a manifest that is replaced while it is read is read again.
   series->stamp_ = io::StampOf(ManifestPath(directory));
@@ -123,6 +132,9 @@ absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
   const base::MutexLock lock(&series->mutex_);
   series->served_ = series->FindVolumes(std::move(shard));
   WarnIfIncomplete(*series->served_, directory);
+  if (!series->served_->volumes.empty()) {
+    series->is_index_only_ = IsIndexOnly(series->DirectoryOf(series->served_->volumes.front()));
+  }
   return series;
 }
 
@@ -321,8 +333,9 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
     const VolumeToOpen& wanted) const {
   const store::ScalarVolume& volume = wanted.volume;
   const std::string directory = DirectoryOf(volume);
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
-                            OpenShard(directory, wanted.number));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      std::shared_ptr<const Shard> shard,
+      OpenShard(directory, wanted.number, io::OpenRandomAccessFile, open_samples_));
   if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||
       shard->reader->shard_index() != shard_index_) {
     return absl::DataLossError(absl::StrCat(
