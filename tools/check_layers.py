@@ -131,7 +131,7 @@ UNTESTED_HEADERS = {
     "core/source/bytes/slice_image.h": "inside of image_slices_test",
     "core/source/hdf5/hdf5_file_lookup.h": "inside of hdf5_links_test and hdf5_storage_test",
     "core/store/sample_reader.h": "the contract: sample_opener_test",
-    "core/store/source_volume.h": "constants; source_request_test",
+    "core/store/source_volume.h": "inside of source_request_test and sample_opener_test",
     "core/store/shard_joiner.h": "inside of part_joiner_test and tests/integration/parts_test.py",
     "core/partition/part_writer.h": "inside of part_joiner_test",
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",

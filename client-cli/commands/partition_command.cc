@@ -117,7 +117,7 @@ constexpr char kCompactHelp[] =
 constexpr char kIndexOnlyHelp[] =
     "leave the samples in INPUT, which must stay where it is and as it is: tables and levels take "
     "a "
-    "quarter of the disk, first frames longer; for Zarr, and files without compression";
+    "quarter of the disk, first frames longer; for Zarr, VTI, and files without compression";
 
 absl::Status GreedySeriesError() {
   return UsageError(

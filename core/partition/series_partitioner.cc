@@ -39,6 +39,7 @@
 #include "core/partition/series_writer.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
+#include "core/store/source_volume.h"
 
 namespace isoscope::partition {
 namespace {
@@ -148,13 +149,11 @@ absl::Status CheckHoldsSamples(const std::string& directory, const store::Series
   if (series.volumes.empty()) {
     return absl::OkStatus();
   }
-  const std::string path = absl::StrCat(
-      directory, "/", store::ShardDirectoryName(0, series.shard_count), "/",
-      store::ScalarVolumeDirectoryName(series.volumes.front().key), "/", store::kManifestFileName);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
-                            io::ReadWholeFile(path, store::kMaxManifestBytes));
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest, store::DecodeManifest(bytes, path));
-  return manifest.in_source.has_value()
+  // A folder that is missing is told by others.
+  const auto samples = store::SamplesOfVolume(
+      absl::StrCat(directory, "/", store::ShardDirectoryName(0, series.shard_count)),
+      series.volumes.front().key);
+  return samples.ok() && samples->has_value()
              ? absl::FailedPreconditionError(absl::StrCat(
                    directory,
                    ": is index-only, and nothing can be appended: partition the source with all "

@@ -20,6 +20,7 @@
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/status/status.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
@@ -28,6 +29,7 @@
 #include "core/io/file.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_levels.h"
+#include "core/store/source_volume.h"
 #include "core/volume/volume_level.h"
 
 namespace isoscope::agent {
@@ -67,15 +69,6 @@ void WarnIfIncomplete(const SeriesShard::Served& served, const std::string& dire
 
 std::string ManifestPath(const std::string& directory) {
   return absl::StrCat(directory, "/", store::kManifestFileName);
-}
-
-// False also if the manifest can't be read: a frame that needs the volume tells.
-bool IsIndexOnly(const std::string& directory) {
-  const std::string path = ManifestPath(directory);
-  const absl::StatusOr<std::string> bytes = io::ReadWholeFile(path, store::kMaxManifestBytes);
-  const absl::StatusOr<store::Manifest> manifest =
-      bytes.ok() ? store::DecodeManifest(*bytes, path) : bytes.status();
-  return manifest.ok() && manifest->in_source.has_value();
 }
 
 }  // namespace
@@ -133,7 +126,11 @@ absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
   series->served_ = series->FindVolumes(std::move(shard));
   WarnIfIncomplete(*series->served_, directory);
   if (!series->served_->volumes.empty()) {
-    series->is_index_only_ = IsIndexOnly(series->DirectoryOf(series->served_->volumes.front()));
+    // If it can't be read, a frame that needs the volume tells.
+    const auto samples = store::SamplesOfVolume(directory, series->served_->volumes.front().key);
+    if (samples.ok() && samples->has_value()) {
+      series->source_ = (*samples)->request.at("path");
+    }
   }
   return series;
 }
@@ -333,9 +330,14 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
     const VolumeToOpen& wanted) const {
   const store::ScalarVolume& volume = wanted.volume;
   const std::string directory = DirectoryOf(volume);
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      std::shared_ptr<const Shard> shard,
-      OpenShard(directory, wanted.number, io::OpenRandomAccessFile, open_samples_));
+  absl::StatusOr<std::shared_ptr<const Shard>> opened =
+      OpenShard(directory, wanted.number, io::OpenRandomAccessFile, open_samples_);
+  if (!opened.ok() && is_index_only() && !absl::StrContains(opened.status().message(), directory)) {
+    // The source is a part of the shard: whoever is told knows whose error it is.
+    return absl::Status(opened.status().code(),
+                        absl::StrCat(directory, ": ", opened.status().message()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> shard, std::move(opened));
   if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||
       shard->reader->shard_index() != shard_index_) {
     return absl::DataLossError(absl::StrCat(

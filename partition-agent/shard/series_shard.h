@@ -99,9 +99,10 @@ class SeriesShard {
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
-  // Whether the samples of its volumes are in their source, as far as the first one told when the
-  // series was opened.
-  [[nodiscard]] bool is_index_only() const { return is_index_only_; }
+  // The path of the source, as the manifest has it, if the samples of its volumes are there, as far as
+  // the first one told when the series was opened; else "".
+  [[nodiscard]] const std::string& source() const { return source_; }
+  [[nodiscard]] bool is_index_only() const { return !source_.empty(); }
   [[nodiscard]] std::shared_ptr<const Served> served() const ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Looks for new volumes. Cheap if there are none. Returns at once if another thread looks.
@@ -167,7 +168,7 @@ class SeriesShard {
   const store::OpenSamples open_samples_;                        // may be empty
   std::function<void(const std::string& directory)> on_opened_;  // may be empty
   int shard_index_ = 0;
-  bool is_index_only_ = false;
+  std::string source_;
   base::Mutex refreshing_;  // one at a time: an older list never replaces a newer one
   io::FileStamp stamp_ ABSL_GUARDED_BY(refreshing_);     // of the manifest that is served
   std::string last_error_ ABSL_GUARDED_BY(refreshing_);  // each is logged once
