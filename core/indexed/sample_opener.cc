@@ -137,10 +137,14 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Man
     absl::StrAppend(&key, name, "\n", text.size(), "\n", text);
   }
   const base::MutexLock lock(&mutex_);
-  if (std::shared_ptr<const OpenSource> source = open_[key].lock(); source != nullptr) {
-    return source;
+  if (const auto found = open_.find(key); found != open_.end()) {
+    if (std::shared_ptr<const OpenSource> source = found->second.lock(); source != nullptr) {
+      return source;
+    }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const OpenSource> source, OpenNow(manifest));
+  // A series has many volumes, of which few are open.
+  std::erase_if(open_, [](const auto& entry) { return entry.second.expired(); });
   open_[key] = source;
   return source;
 }

@@ -199,6 +199,12 @@ class IndexOnlyTest(unittest.TestCase):
     appended = isoscope('partition', store, '--axes', 'TZYX', '--append', dataset, '--quiet', check=False)
     self.assertEqual(appended.returncode, 1)
     self.assertIn('index-only', appended.stderr)
+    plain = self.path('plain')
+    isoscope('partition', store, '--axes', 'TZYX', *CUT, '--levels', 'none', '--index-only', '--shards', '3',
+             '--output', plain)
+    isoscope('partition', '--add-levels', plain, '--levels', '1', '--quiet')
+    self.assertEqual({name: data for name, data in self.files(plain).items() if '.json' not in name},
+                     {name: data for name, data in self.files(dataset).items() if '.json' not in name})
     # An agent opens each step when a frame needs it.
     agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
     self.addCleanup(agent.stop)
@@ -228,7 +234,7 @@ class IndexOnlyTest(unittest.TestCase):
 
   def test_series_without_leave_to_read_are_refused(self):
     store = self.path('data', 't.zarr')
-    write_zarr_steps(store, steps=1)
+    write_zarr_steps(store, steps=2)
     dataset = self.path('d')
     isoscope('partition', store, '--axes', 'TZYX', *CUT, '--output', dataset, '--index-only')
     agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
@@ -241,9 +247,8 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertIn('may not read', done.stderr)
 
   def test_vtk_files_of_steps(self):
-    for step, kind in enumerate(('gyroid', 'sphere')):
-      isoscope('generate', kind, '--dims', '40,30,20', '--type', 'uint8', '--output',
-               self.path('data', f'run_{step}.vti'), '--quiet')
+    for step in range(2):
+      write_vti(self.path('data', f'run_{step}.vti'), slope=8 + 4 * step)
     pattern = self.path('data', 'run_*.vti')
     isoscope('partition', pattern, *CUT, '--output', self.path('copied'))
     isoscope('partition', pattern, *CUT, '--output', self.path('d'), '--index-only')
@@ -306,6 +311,12 @@ class IndexOnlyTest(unittest.TestCase):
     self.addCleanup(os.environ.pop, 'ISOSCOPE_ALLOW_SOURCE')
     os.environ['ISOSCOPE_ALLOW_SOURCE'] = f'http://127.0.0.1:{server.port}'
     self.assertEqual(self.picture(dataset), expected)
+    steps = self.path('data', 't.zarr')
+    write_zarr_steps(steps, steps=2)
+    for source, output, *more in ((steps, 'e'), (f'http://127.0.0.1:{server.port}/t.zarr', 'f', '--index-only')):
+      isoscope('partition', source, '--axes', 'TZYX', *CUT, '--output', self.path(output), *more)
+    for step in ('0', '1'):
+      self.assertEqual(self.picture(self.path('f'), '--step', step), self.picture(self.path('e'), '--step', step))
     server.redirects = True
     self.assertEqual(self.picture(dataset), expected)
     # The variable stands for the agent's flag, too.
@@ -354,6 +365,22 @@ class StoreServer:
   def close(self):
     self.server.shutdown()
     self.server.server_close()
+
+
+def write_vti(path, slope):
+  """A ball as appended raw data."""
+  dims = (40, 30, 20)
+  samples = bytes(
+      max(0, 255 - slope * int(math.dist((k, j, i), (10, 15, 20))))
+      for k, j, i in itertools.product(*map(range, reversed(dims))))
+  extent = ' '.join(f'0 {size - 1}' for size in dims)
+  with open(path, 'wb') as file:
+    file.write(f'<VTKFile type="ImageData" byte_order="LittleEndian" header_type="UInt64"><ImageData '
+               f'WholeExtent="{extent}" Origin="0 0 0" Spacing="1 1 1"><Piece Extent="{extent}"><PointData>'
+               '<DataArray Name="p" type="UInt8" format="appended" offset="0"/></PointData></Piece></ImageData>'
+               '<AppendedData encoding="raw">_'.encode('ascii'))
+    file.write(len(samples).to_bytes(8, 'little') + samples)
+    file.write(b'</AppendedData></VTKFile>')
 
 
 def write_zarr_steps(path, steps):
