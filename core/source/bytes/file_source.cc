@@ -6,9 +6,8 @@
 // 3. With a slope or an intercept, samples are widened: the stored ones are read into the tail of
 //    the output, and rescaled from front to back (rescale.h).
 //
-// A box is read row by row by a reader of its own. Where the rows of a plane lie close together,
-// they are read at once, with what lies between them. Of a file at an address, the rows of many
-// planes are fetched together, before they are read one by one.
+// A box is read row by row (box_rows.h) by a reader of its own. Of a file at an address, the rows of
+// many planes are fetched together, before they are read one by one.
 //
 // An encoded file can only be read forwards. Reading before its position starts it over, so such
 // a source is not seekable. CheckFiles compares sizes at the start, where files show them.
@@ -35,6 +34,7 @@
 #include "core/io/file.h"
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/rescale.h"
+#include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/byte_source.h"
 #include "core/source/bytes/cached_bytes.h"
@@ -47,16 +47,8 @@ namespace {
 // The tuples read at once to pick one component; more only if a single tuple is larger.
 constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
 
-// The boxes of a file without chunks: rows so long that a read pays, and few samples around a block.
-constexpr math::Index3 kBoxDims{128, 32, 32};
-// Those at an address have whole rows if they are not larger than that, and longer stretches of them:
-// a request costs a round trip.
-constexpr std::int64_t kFarBoxBytes = 4 * base::kMiB;
-constexpr std::int64_t kFarStretchBytes = 64 * base::kKiB;
-// Of stretches that are fetched together.
+// Of stretches at an address that are fetched together.
 constexpr std::int64_t kFetchedBytes = base::kMiB;
-// Rows of a plane are read at once if that reads at most this many times their bytes.
-constexpr std::int64_t kMaxRowOverhead = 4;
 
 // The bytes that may stand before samples at the end of an encoded file, which are decoded to find
 // out.
@@ -310,74 +302,47 @@ class FileSource final : public VolumeSource {
     if (location().is_encoded()) {
       return std::nullopt;
     }
-    math::Index3 dims = kBoxDims;
-    const std::int64_t row = info().geometry.sample_dims.x;
-    if (row * dims.y * dims.z * tuple_bytes() <= kFarBoxBytes && stored_.is_far()) {
-      dims.x = row;
-      while (row * dims.y * tuple_bytes() < kFarStretchBytes && dims.z > 8) {
-        dims.y *= 2;
-        dims.z /= 2;
-      }
-    }
-    return BoxGrid{.box_dims = dims};
+    return BoxGrid{.box_dims = stored_.is_far()
+                                   ? FarRowBoxDims(info().geometry.sample_dims, tuple_bytes())
+                                   : kRowBoxDims};
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
     const math::Index3& whole = info().geometry.sample_dims;
-    const math::Index3 dims = box.dims();
-    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(info().type));
-    const std::int64_t row_bytes = dims.x * sample_bytes;
+    const std::size_t sample_bytes = volume::SizeOf(info().type);
     StoredBytes stored = stored_.Again();
     std::vector<char> tuples;
-    std::vector<char> rows;
-    const bool is_dense = whole.x <= kMaxRowOverhead * dims.x;
-    const bool is_far = stored_.is_far();
-    const std::int64_t plane_bytes =
-        (is_dense ? (dims.y - 1) * whole.x + dims.x : dims.y * dims.x) * tuple_bytes();
-    const std::int64_t planes = std::max<std::int64_t>(kFetchedBytes / plane_bytes, 1);
-    for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
-      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-      if (is_far && (z - box.begin.z) % planes == 0) {
-        math::IndexBox part = box;
-        part.begin.z = z;
-        part.end.z = std::min(z + planes, box.end.z);
-        ISOSCOPE_RETURN_IF_ERROR(stored.Fetch(StretchesOf(part, is_dense), cancellation));
-      }
-      if (is_dense) {
-        rows.resize(static_cast<std::size_t>(((dims.y - 1) * whole.x + dims.x) * sample_bytes));
-        ISOSCOPE_RETURN_IF_ERROR(ReadSamples((z * whole.y + box.begin.y) * whole.x + box.begin.x,
-                                             rows.size() / static_cast<std::size_t>(sample_bytes),
-                                             &stored, &tuples, rows.data()));
-      }
-      for (std::int64_t y = 0; y < dims.y; ++y) {
-        if (is_dense) {
-          std::copy_n(rows.data() + y * whole.x * sample_bytes, row_bytes, out);
-        } else {
-          ISOSCOPE_RETURN_IF_ERROR(
-              ReadSamples((z * whole.y + box.begin.y + y) * whole.x + box.begin.x,
-                          static_cast<std::size_t>(dims.x), &stored, &tuples, out));
-        }
-        out += row_bytes;
-      }
+    const auto read = [&](std::int64_t first, std::size_t count, char* samples) {
+      return ReadSamples(first, count, &stored, &tuples, samples);
+    };
+    if (!stored_.is_far()) {
+      return ReadBoxRows(whole, box, sample_bytes, out, cancellation, read);
+    }
+    math::IndexBox planes = box;
+    planes.end.z = box.begin.z + 1;
+    std::int64_t plane_bytes = 0;
+    for (const RowRun& run : RunsOfBox(whole, planes)) {
+      plane_bytes += static_cast<std::int64_t>(run.count) * tuple_bytes();
+    }
+    const std::int64_t at_once = std::max<std::int64_t>(kFetchedBytes / plane_bytes, 1);
+    for (; planes.begin.z < box.end.z; planes.begin.z = planes.end.z) {
+      planes.end.z = std::min(planes.begin.z + at_once, box.end.z);
+      ISOSCOPE_RETURN_IF_ERROR(stored.Fetch(StretchesOf(planes), cancellation));
+      ISOSCOPE_RETURN_IF_ERROR(ReadBoxRows(whole, planes, sample_bytes, out, cancellation, read));
+      out += math::Volume(planes.dims()) * static_cast<std::int64_t>(sample_bytes);
     }
     return absl::OkStatus();
   }
 
  private:
-  // The stretches that ReadBox reads of a box: of each plane one, or one of each row.
-  [[nodiscard]] std::vector<StoredBytes::Stretch> StretchesOf(const math::IndexBox& box,
-                                                              bool is_dense) const {
+  // The stretches that ReadBox reads of a box.
+  [[nodiscard]] std::vector<StoredBytes::Stretch> StretchesOf(const math::IndexBox& box) const {
     const math::Index3& whole = info().geometry.sample_dims;
-    const math::Index3 dims = box.dims();
     const std::int64_t begin = location().volume * math::Volume(whole);
     std::vector<StoredBytes::Stretch> stretches;
-    for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
-      for (std::int64_t y = box.begin.y; y < (is_dense ? box.begin.y + 1 : box.end.y); ++y) {
-        const std::int64_t count = is_dense ? (dims.y - 1) * whole.x + dims.x : dims.x;
-        stretches.push_back(
-            {.begin = (begin + (z * whole.y + y) * whole.x + box.begin.x) * tuple_bytes(),
-             .size = static_cast<std::size_t>(count * tuple_bytes())});
-      }
+    for (const RowRun& run : RunsOfBox(whole, box)) {
+      stretches.push_back({.begin = (begin + run.first) * tuple_bytes(),
+                           .size = run.count * static_cast<std::size_t>(tuple_bytes())});
     }
     return stretches;
   }
