@@ -10,6 +10,7 @@
 #include "core/partition/partitioner.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -146,6 +147,9 @@ absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples*
         "leave --index-only "
         "out, or write it as Zarr or uncompressed"));
   }
+  // A source may find out only now that it can't.
+  std::array<char, sizeof(double)> sample{};
+  ISOSCOPE_RETURN_IF_ERROR(source.ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, sample.data()));
   samples->unit_origin = grid->origin;
   math::Index3& dims = samples->unit_dims;
   double bytes = static_cast<double>(volume::SizeOf(info.type));

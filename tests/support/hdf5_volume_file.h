@@ -101,7 +101,8 @@ inline std::string WriteHdf5Volume(const std::string& path, const Hdf5VolumeFile
         (volume.missing_every > 0 && number > 0 && number % volume.missing_every == 0);
     if (is_missing) {
       source::FillPart(part, fill, whole, samples.data());
-    } else if (volume.skipped_every > 0 && number % volume.skipped_every == 0) {
+    } else if (!volume.chunk.empty() && volume.skipped_every > 0 &&
+               number % volume.skipped_every == 0) {
       std::string bytes(size, '\0');
       for (const std::int64_t edge : grid.chunk_dims()) {
         bytes.resize(bytes.size() * static_cast<std::size_t>(edge));

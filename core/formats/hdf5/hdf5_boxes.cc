@@ -66,6 +66,18 @@ struct WalledDataset {
   std::string part;
 };
 
+// Opens the rows once more. DATA_LOSS also: the dataset is another one.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRows(const SourceInfo& info,
+                                                       const WalledDataset& dataset) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> rows,
+                            OpenWalled(dataset.library, dataset.path, dataset.part));
+  if (!(rows->info().geometry.sample_dims == info.geometry.sample_dims) ||
+      rows->info().type != info.type) {
+    return absl::DataLossError(absl::StrCat(info.name, ": has changed since it was opened"));
+  }
+  return rows;
+}
+
 class RowBoxes final : public VolumeSource {
  public:
   // `box_dims`: of the grid, but for x.
@@ -94,11 +106,7 @@ class RowBoxes final : public VolumeSource {
   absl::Status ReadLocked(const math::IndexBox& box, char* out) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (rows_ == nullptr) {
-      ISOSCOPE_ASSIGN_OR_RETURN(rows_, OpenWalled(dataset_.library, dataset_.path, dataset_.part));
-      if (!(rows_->info().geometry.sample_dims == info().geometry.sample_dims) ||
-          rows_->info().type != info().type) {
-        return absl::DataLossError(absl::StrCat(info().name, ": has changed since it was opened"));
-      }
+      ISOSCOPE_ASSIGN_OR_RETURN(rows_, OpenRows(info(), dataset_));
     }
     const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(info().type));
     const math::Index3 dims = box.dims();
@@ -456,17 +464,14 @@ absl::StatusOr<BoxReaders> OpenReaders(const SourceInfo& info, const WalledDatas
 class BoxedSource final : public VolumeSource {
  public:
   BoxedSource(std::unique_ptr<VolumeSource> rows, WalledDataset dataset)
-      : VolumeSource(rows->info()), rows_(std::move(rows)), dataset_(std::move(dataset)) {}
+      : VolumeSource(rows->info()), dataset_(std::move(dataset)), rows_(std::move(rows)) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const base::MutexLock lock(&rows_mutex_);
+    if (rows_ == nullptr) {
+      ISOSCOPE_ASSIGN_OR_RETURN(rows_, OpenRows(info(), dataset_));
+    }
     return rows_->ReadRows(begin_row, end_row, out);
-  }
-  absl::Status ReadBand(std::int64_t begin_z, std::int64_t end_z, std::int64_t begin_y,
-                        std::int64_t end_y, char* out) override {
-    return rows_->ReadBand(begin_z, end_z, begin_y, end_y, out);
-  }
-  void HeedCancellation(const base::Cancellation* cancellation) override {
-    rows_->HeedCancellation(cancellation);
   }
 
   // Whoever reads a box gets the error.
@@ -500,15 +505,23 @@ class BoxedSource final : public VolumeSource {
           !absl::IsInvalidArgument(opened.status())) {
         return opened.status();  // the next one tries again
       }
+      {
+        // Whoever reads boxes seldom reads rows, and their child keeps memory that this process has
+        // written to since.
+        const base::MutexLock rows_lock(&rows_mutex_);
+        rows_ = nullptr;
+      }
       readers_ = opened.ok() ? Opened(std::make_shared<const BoxReaders>(*std::move(opened)))
                              : Opened(opened.status());
     }
     return *readers_;
   }
 
-  const std::unique_ptr<VolumeSource> rows_;
   const WalledDataset dataset_;
-  mutable base::Mutex mutex_;  // held while a child lists the chunks
+  mutable base::Mutex rows_mutex_;
+  // Null after the first box, until the next row.
+  mutable std::unique_ptr<VolumeSource> rows_ ABSL_GUARDED_BY(rows_mutex_);
+  mutable base::Mutex mutex_;  // held while a child lists the chunks; before rows_mutex_
   mutable std::optional<Opened> readers_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -5,6 +5,7 @@
 #include "core/formats/hdf5/hdf5_boxes.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <thread>
@@ -16,6 +17,7 @@
 
 #include "core/base/coding.h"
 #include "tests/support/hdf5_file.h"
+#include "tests/support/hdf5_mesh_file.h"
 #include "tests/support/hdf5_volume_file.h"
 #include "tests/support/only_volume.h"
 #include "tests/support/status_matchers.h"
@@ -90,9 +92,13 @@ class Hdf5BoxesTest : public ::testing::Test {
     const std::string samples = WriteHdf5Volume(path_, volume, Noise(kDims, type));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path_));
     EXPECT_EQ(source->box_grid(), (BoxGrid{.origin = {0, 0, 0}, .box_dims = box_dims}));
-    ExpectBoxes(*source, samples);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, testing::ReadAll(*source, 5));
     EXPECT_TRUE(read == samples);
+    const bool is_own = !volume.chunk.empty() && !volume.has_scale_offset;
+    if (is_own) {
+      std::filesystem::remove(path_);  // the library would open it again
+    }
+    ExpectBoxes(*source, samples);
   }
 
   TempDir dir_;
@@ -228,6 +234,26 @@ TEST_F(Hdf5BoxesTest, ComponentsBehindXAreTakenApart) {
   ExpectBoxes(*source, rows);
 }
 
+TEST_F(Hdf5BoxesTest, MeshesHaveTheirChunks) {
+  const std::string samples = Noise(kDims, ScalarType::kUint16);
+  {
+    testing::Hdf5MeshWriter writer(path_);
+    writer.Group("/VTKHDF");
+    writer.Texts("/VTKHDF", "Type", {"ImageData"});
+    writer.Numbers("/VTKHDF", "WholeExtent", {0, 22, 0, 18, 0, 16});
+    writer.Numbers("/VTKHDF", "Origin", {0, 0, 0});
+    writer.Numbers("/VTKHDF", "Spacing", {1, 2, 3});
+    writer.Numbers("/VTKHDF", "Direction", {1, 0, 0, 0, 1, 0, 0, 0, 1});
+    writer.Group("/VTKHDF/PointData");
+    testing::WriteHdf5Dataset(writer.file(), "/VTKHDF/PointData/p", {17, 19, 23}, H5T_STD_U16LE,
+                              samples.data(), {5, 8, 7});
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path_ + ":p"));
+  EXPECT_EQ(source->info().geometry.spacing, (math::Vec3d{1, 2, 3}));
+  EXPECT_EQ(source->box_grid()->box_dims, (math::Index3{7, 8, 5}));
+  ExpectBoxes(*source, samples);
+}
+
 TEST_F(Hdf5BoxesTest, DatasetsThatNobodyWroteToAreFilled) {
   const hid_t file = H5Fcreate(path_.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
   const hsize_t dims[] = {17, 19, 23};
@@ -328,7 +354,7 @@ class DamagedHdf5BoxesTest : public Hdf5BoxesTest {
       return source.status();
     }
     EXPECT_TRUE((*source)->box_grid().has_value());
-    std::string row((*source)->info().row_bytes(), '\0');
+    std::string row(static_cast<std::size_t>((*source)->info().row_bytes()), '\0');
     EXPECT_FALSE((*source)->ReadRows(0, 1, row.data()).ok());
     return (*source)->ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, row.data());
   }
@@ -343,7 +369,7 @@ TEST_F(DamagedHdf5BoxesTest, AChunkOutsideOfTheFile) {
     Write(true);
     PutKey(static_cast<std::uint32_t>(size_), address);
     EXPECT_THAT(ErrorOfBox(), StatusIs(absl::StatusCode::kDataLoss,
-                                       AllOf(HasSubstr("v.h5:/v"), HasSubstr("damaged or cut"))));
+                                       AllOf(HasSubstr("v.h5:/v"), HasSubstr("damaged"))));
   }
 }
 
