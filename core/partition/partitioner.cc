@@ -10,6 +10,7 @@
 #include "core/partition/partitioner.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -19,6 +20,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
@@ -126,6 +128,10 @@ absl::StatusOr<source::BoxGrid> GridOf(const source::VolumeSource& source) {
         "whole, resampled, or of a format without random access); leave --index-only out, or write "
         "it as Zarr or uncompressed"));
   }
+  // A source may find out only now that it can't.
+  std::array<char, sizeof(double)> sample{};
+  ISOSCOPE_RETURN_IF_ERROR(
+      source.ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, sample.data(), base::Cancellation()));
   return *grid;
 }
 

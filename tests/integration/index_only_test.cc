@@ -15,6 +15,7 @@
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "tests/support/draws.h"
+#include "tests/support/hdf5_volume_file.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/random_options.h"
 #include "tests/support/scenes.h"
@@ -51,7 +52,27 @@ struct Source {
   double isovalue = 0;
 };
 
-// A raw file, a VTK image, or a Zarr array in chunks of any size; cropped, or with a stride, now and then.
+// An HDF5 file of any layout, in either byte order.
+void WriteHdf5(Dice* dice, const std::string& path, const math::Index3& dims,
+               const std::string& samples) {
+  testing::Hdf5VolumeFile volume{.dims = dims,
+                                 .file_type = dice->OneIn(2) ? H5T_STD_U16BE : H5T_STD_U16LE};
+  if (!dice->OneIn(4)) {
+    volume.chunk = {dice->Whole(3, 20), dice->Whole(3, 20), dice->Whole(3, 20)};
+    volume.has_scale_offset = dice->OneIn(6);
+    volume.has_shuffle = dice->OneIn(2);
+    volume.has_gzip = dice->OneIn(2);
+    volume.has_checksum = dice->OneIn(3);
+    volume.is_latest = dice->OneIn(2);
+    volume.has_plain_edges = volume.is_latest && dice->OneIn(2);
+    volume.skipped_every = volume.has_scale_offset ? 0 : static_cast<int>(dice->Whole(0, 3));
+    volume.missing_every = dice->OneIn(3) ? 5 : 0;
+    volume.fill = dice->OneIn(2) ? std::string("\x30\x75") : "";  // 30000
+  }
+  testing::WriteHdf5Volume(path, volume, samples);
+}
+
+// A raw file, HDF5, a VTK image, or a Zarr array in chunks of any size; cropped, or with a stride, now and then.
 Source WriteSource(Dice* dice, const std::string& path) {
   const math::Index3 dims{dice->Whole(20, 60), dice->Whole(20, 50), dice->Whole(20, 50)};
   const bool is_noise = dice->OneIn(3);
@@ -61,6 +82,9 @@ Source WriteSource(Dice* dice, const std::string& path) {
                                       volume::ScalarType::kUint16, 10000, 30000);
   Source source{.request = {.path = path}, .isovalue = is_noise ? 2.0 : 30300.0};
   if (dice->OneIn(3)) {
+    source.request.path += ".h5";
+    WriteHdf5(dice, source.request.path, dims, samples);
+  } else if (dice->OneIn(3)) {
     testing::WriteFile(path, samples);
     source.request.raw = {.dims = dims, .type = volume::ScalarType::kUint16};
   } else if (dice->OneIn(4)) {

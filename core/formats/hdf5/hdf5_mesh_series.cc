@@ -1,9 +1,10 @@
-// The library runs in a child process, which answers two questions of the parent in texts:
+// The library runs in a child process, which answers three questions of the parent:
 //
 // 1. DescribeMeshes: which fields lie on the chosen grid? Without a part it is the grid of the most
 //    fields. Each field has a number, its place in FindHdf5Meshes.
 // 2. OpenMesh: the samples of the part "number step component rules". The child finds the meshes
 //    again, and the file may have changed meanwhile. So numbers and sizes are checked anew.
+// 3. DescribeMeshChunks: where do the chunks of such a part lie (hdf5_chunk_table.h)?
 //
 // A volume is a dataset, or a constant component of openPMD: a group with a value and a shape.
 // Sources: the VTKHDF file format, https://docs.vtk.org; the openPMD standard, "Mesh Based
@@ -20,13 +21,18 @@
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/formats/hdf5/hdf5_boxes.h"
+#include "core/formats/hdf5/hdf5_chunk_table.h"
 #include "core/formats/hdf5/hdf5_dataset.h"
 #include "core/formats/hdf5/hdf5_mesh.h"
 #include "core/formats/hdf5/hdf5_storage.h"
+#include "core/formats/hdf5/hdf5_types.h"
 #include "core/source/child/walled_series.h"
 #include "core/source/grid/grid_faults.h"
 #include "core/source/hdf5/hdf5_file.h"
@@ -149,8 +155,17 @@ std::optional<Hdf5Constant> FindConstantOf(const std::string& path, const Hdf5Me
   return FindHdf5Constant(object.get());
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
-                                                       const std::string& part) {
+// A volume of the meshes: a constant, or a dataset.
+struct FoundMesh {
+  Hdf5MeshField field;
+  Hdf5MeshVolume volume;
+  std::string name{};
+  std::optional<Hdf5Constant> constant{};
+  NamedHdf5Dataset named{};
+  Hdf5SampleType type{};
+};
+
+absl::StatusOr<FoundMesh> FindMesh(const std::string& path, const std::string& part) {
   const auto [number, step, component] = ParseWalledPart(part);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<Hdf5MeshFile> meshes, FindMeshesOf(path));
   if (!meshes.has_value() || number >= static_cast<std::int64_t>(meshes->fields.size())) {
@@ -166,29 +181,64 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
   const auto at = static_cast<std::size_t>(index);
   ISOSCOPE_RETURN_IF_ERROR(CheckSteps(path, field, at, at + 1));
   const Hdf5MeshVolume& wanted = field.volumes[at];
-  const std::string wanted_name = absl::StrCat(path, ":", wanted.dataset);
-  if (const auto constant = FindConstantOf(path, wanted); constant.has_value()) {
-    const absl::Status valid = CheckSamples(field, wanted.axes, constant->dims);
+  FoundMesh found{.field = field,
+                  .volume = wanted,
+                  .name = absl::StrCat(path, ":", wanted.dataset),
+                  .constant = FindConstantOf(path, wanted)};
+  if (found.constant.has_value()) {
+    const absl::Status valid = CheckSamples(field, wanted.axes, found.constant->dims);
     if (!valid.ok()) {
-      return WithName(wanted_name, valid);
+      return WithName(found.name, valid);
     }
-    return std::make_unique<ConstantSource>(wanted_name, *constant, field.geometry);
+    return found;
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(NamedHdf5Dataset named, OpenHdf5ByName(wanted_name));
-  const std::string name = named.parts.name();
-  ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(named.dataset.get(), name).status());
-  auto type = Hdf5SampleTypeOf(named.dataset.get());
+  ISOSCOPE_ASSIGN_OR_RETURN(found.named, OpenHdf5ByName(found.name));
+  found.name = found.named.parts.name();
+  ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(found.named.dataset.get(), found.name).status());
+  auto type = Hdf5SampleTypeOf(found.named.dataset.get());
   const absl::Status valid =
-      type.ok() ? CheckSamples(field, wanted.axes, Hdf5DimsOf(named.dataset.get())) : type.status();
+      type.ok() ? CheckSamples(field, wanted.axes, Hdf5DimsOf(found.named.dataset.get()))
+                : type.status();
   if (!valid.ok()) {
-    return WithName(name, valid);
+    return WithName(found.name, valid);
   }
-  return OpenHdf5Volume(std::move(named), *std::move(type), wanted.axes, wanted.step,
-                        wanted.component, field.geometry);
+  found.type = *std::move(type);
+  return found;
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenMesh(const std::string& path,
+                                                       const std::string& part) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundMesh found, FindMesh(path, part));
+  if (found.constant.has_value()) {
+    return std::make_unique<ConstantSource>(found.name, *found.constant, found.field.geometry);
+  }
+  return OpenHdf5Volume(std::move(found.named), std::move(found.type), found.volume.axes,
+                        found.volume.step, found.volume.component, found.field.geometry);
+}
+
+// The chunks of a part, from the number on that is its last word; nothing of a constant.
+absl::StatusOr<std::vector<std::string>> DescribeMeshChunks(const std::string& path,
+                                                            const std::string& part) {
+  const std::size_t blank = part.rfind(' ');
+  std::int64_t first = 0;
+  ISOSCOPE_CHECK(absl::SimpleAtoi(part.substr(blank + 1), &first));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FoundMesh found, FindMesh(path, part.substr(0, blank)));
+  if (found.constant.has_value()) {
+    return std::vector<std::string>();
+  }
+  return ListHdf5Chunks(found.named, found.type, found.volume.axes, found.volume.step,
+                        found.volume.component, first);
 }
 
 constexpr WalledLibrary kHdf5Meshes = {
     .name = "HDF5", .open = OpenMesh, .find_files = nullptr, .describe = DescribeMeshes};
+constexpr WalledLibrary kHdf5MeshChunks = {
+    .name = "HDF5", .open = OpenMesh, .find_files = nullptr, .describe = DescribeMeshChunks};
+
+std::unique_ptr<VolumeSource> WithMeshBoxes(std::unique_ptr<VolumeSource> volume,
+                                            const std::string& file, const std::string& part) {
+  return WithHdf5Boxes(std::move(volume), kHdf5MeshChunks, file, part);
+}
 
 }  // namespace
 
@@ -199,7 +249,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenHdf5MeshSeries(const std::stri
                         .has_origin = rules.has_origin,
                         .has_direction = rules.has_direction};
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSeries> series,
-                            OpenWalledSeries(kHdf5Meshes, file, part, given));
+                            OpenWalledSeries(kHdf5Meshes, file, part, given, WithMeshBoxes));
   return series == nullptr || part.empty() ? std::move(series)
                                            : SelectPart(std::move(series), file, part);
 }

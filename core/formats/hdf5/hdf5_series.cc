@@ -35,6 +35,8 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_attributes.h"
+#include "core/formats/hdf5/hdf5_boxes.h"
+#include "core/formats/hdf5/hdf5_chunk_table.h"
 #include "core/formats/hdf5/hdf5_coordinates.h"
 #include "core/formats/hdf5/hdf5_dataset.h"
 #include "core/formats/hdf5/hdf5_storage.h"
@@ -137,23 +139,33 @@ absl::StatusOr<std::vector<std::string>> Describe(const std::string& path,
   return texts;
 }
 
+// The dataset that the first three words of a part mean.
+absl::StatusOr<FoundDataset> FindPart(const std::string& path,
+                                      const std::vector<std::string>& words, std::int64_t* step,
+                                      std::int64_t* component) {
+  ISOSCOPE_CHECK(words.size() >= 5 && absl::SimpleAtoi(words[1], step) &&
+                 absl::SimpleAtoi(words[2], component));
+  const std::string letters = words[0] == kAsFileSays ? "" : words[0];
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundDataset found, FindDataset(path, letters));
+  const std::string name = found.named.parts.name();
+  const AxisOrder& order = found.layout.order;
+  if ((order.t.has_value() && *step >= found.dims[*order.t]) ||
+      (order.c.has_value() && *component >= found.dims[*order.c])) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: no step %d and component %d in %s elements: it has changed", name,
+                        *step, *component, absl::StrJoin(found.dims, " x ")));
+  }
+  return found;
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenPart(const std::string& path,
                                                        const std::string& part) {
   const std::vector<std::string> words = absl::StrSplit(part, ' ');
   std::int64_t step = 0;
   std::int64_t component = 0;
-  ISOSCOPE_CHECK(words.size() == 5 && absl::SimpleAtoi(words[1], &step) &&
-                 absl::SimpleAtoi(words[2], &component));
-  const std::string letters = words[0] == kAsFileSays ? "" : words[0];
-  ISOSCOPE_ASSIGN_OR_RETURN(FoundDataset found, FindDataset(path, letters));
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundDataset found, FindPart(path, words, &step, &component));
   const std::string name = found.named.parts.name();
-  const AxisOrder& order = found.layout.order;
-  if ((order.t.has_value() && step >= found.dims[*order.t]) ||
-      (order.c.has_value() && component >= found.dims[*order.c])) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: no step %d and component %d in %s elements: it has changed", name,
-                        step, component, absl::StrJoin(found.dims, " x ")));
-  }
+  const AxisOrder order = found.layout.order;
   auto type = Hdf5SampleTypeOf(found.named.dataset.get());
   ISOSCOPE_RETURN_IF_ERROR(Named(name, type.status()));
   const auto grid = Hdf5GridOf(found.named, found.axes, found.layout.roles, words[3] == kUnevenGrid,
@@ -163,10 +175,26 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenPart(const std::string& path,
                         grid->geometry);
 }
 
+// The chunks of a part, from the number on that is its last word.
+absl::StatusOr<std::vector<std::string>> DescribeChunks(const std::string& path,
+                                                        const std::string& part) {
+  const std::vector<std::string> words = absl::StrSplit(part, ' ');
+  std::int64_t step = 0;
+  std::int64_t component = 0;
+  std::int64_t first = 0;
+  ISOSCOPE_CHECK(words.size() == 6 && absl::SimpleAtoi(words[5], &first));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FoundDataset found, FindPart(path, words, &step, &component));
+  const auto type = Hdf5SampleTypeOf(found.named.dataset.get());
+  ISOSCOPE_RETURN_IF_ERROR(Named(found.named.parts.name(), type.status()));
+  return ListHdf5Chunks(found.named, *type, found.layout.order, step, component, first);
+}
+
 // ---- The parent. --------------------------------------------------------------------------------
 
 constexpr WalledLibrary kHdf5Parts = {
     .name = "HDF5", .open = OpenPart, .find_files = nullptr, .describe = Describe};
+constexpr WalledLibrary kHdf5Chunks = {
+    .name = "HDF5", .open = OpenPart, .find_files = nullptr, .describe = DescribeChunks};
 
 struct Hdf5Description {
   std::string name;  // with the dataset's name
@@ -246,13 +274,13 @@ class Hdf5Series final : public VolumeSeries {
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
     ISOSCOPE_CHECK(field == 0);
+    const std::string part =
+        absl::StrCat(letters_, " ", step, " ", component, " ",
+                     rules_.resamples ? kUnevenGrid : kEvenGrid, " ", GivenWord(rules_));
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> volume,
-                              OpenWalled(kHdf5Parts, dataset_,
-                                         absl::StrCat(letters_, " ", step, " ", component, " ",
-                                                      rules_.resamples ? kUnevenGrid : kEvenGrid,
-                                                      " ", GivenWord(rules_))));
+                              OpenWalled(kHdf5Parts, dataset_, part));
     return rules_.resamples ? ResampleSource(std::move(volume), distances_, rules_.fill)
-                            : std::move(volume);
+                            : WithHdf5Boxes(std::move(volume), kHdf5Chunks, dataset_, part);
   }
 
  private:

@@ -123,23 +123,30 @@ bool Complete(WalledFile* file) {
 
 class WalledSeries final : public VolumeSeries {
  public:
-  WalledSeries(const WalledLibrary& library, WalledFile file, const GridRules& rules)
-      : VolumeSeries(file.info), library_(library), file_(std::move(file)), rules_(rules) {}
+  WalledSeries(const WalledLibrary& library, WalledFile file, const GridRules& rules,
+               WrapWalled wrap)
+      : VolumeSeries(file.info),
+        library_(library),
+        file_(std::move(file)),
+        rules_(rules),
+        wrap_(wrap) {}
 
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(int field, int component, int step) override {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        std::unique_ptr<VolumeSource> source,
-        OpenWalled(library_, info().name,
-                   absl::StrCat(file_.numbers[static_cast<std::size_t>(field)], " ", step, " ",
-                                component, " ", GivenWord(rules_))));
-    return rules_.resamples ? ResampleSource(std::move(source), file_.distances, rules_.fill)
-                            : std::move(source);
+    const std::string part = absl::StrCat(file_.numbers[static_cast<std::size_t>(field)], " ", step,
+                                          " ", component, " ", GivenWord(rules_));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<VolumeSource> source,
+                              OpenWalled(library_, info().name, part));
+    if (rules_.resamples) {
+      return ResampleSource(std::move(source), file_.distances, rules_.fill);
+    }
+    return wrap_ == nullptr ? std::move(source) : wrap_(std::move(source), info().name, part);
   }
 
  private:
   const WalledLibrary library_;
   const WalledFile file_;
   const GridRules rules_;
+  const WrapWalled wrap_;
 };
 
 }  // namespace
@@ -197,7 +204,8 @@ std::string GivenWord(const GridRules& rules) {
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
                                                                const std::string& file,
                                                                const std::string& part,
-                                                               const GridRules& rules) {
+                                                               const GridRules& rules,
+                                                               WrapWalled wrap) {
   constexpr std::size_t kMaxPart = 255;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> texts,
                             DescribeWalled(library, file, part.substr(0, kMaxPart)));
@@ -213,7 +221,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibra
         "%s: what %s says of it makes no sense: the file is damaged", file, library.name));
   }
   described.info.name = file;
-  return std::make_unique<WalledSeries>(library, std::move(described), rules);
+  return std::make_unique<WalledSeries>(library, std::move(described), rules, wrap);
 }
 
 }  // namespace isoscope::source

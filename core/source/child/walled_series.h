@@ -44,14 +44,21 @@ std::array<std::int64_t, 3> ParseWalledPart(const std::string& part);
 GridRules GivenRules(absl::string_view part);
 std::string GivenWord(const GridRules& rules);
 
+// Makes a volume of one that the library opened for `part` of `file`.
+using WrapWalled = std::unique_ptr<VolumeSource> (*)(std::unique_ptr<VolumeSource> volume,
+                                                     const std::string& file,
+                                                     const std::string& part);
+
 // For the parent: the series of `library.describe`, which takes `part`, opened by `library.open`.
 // Nothing in the texts is taken for granted: DATA_LOSS if they make no sense. Null if there are
 // none. If the rules resample, `library.open` takes grids that are not even, and the volumes are
-// resampled here. Errors also as DescribeWalled; those of opening a volume also as ResampleSource.
+// resampled here; others are what `wrap` makes of them, unless it is null. Errors also as
+// DescribeWalled; those of opening a volume also as ResampleSource.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenWalledSeries(const WalledLibrary& library,
                                                                const std::string& file,
                                                                const std::string& part,
-                                                               const GridRules& rules = {});
+                                                               const GridRules& rules = {},
+                                                               WrapWalled wrap = nullptr);
 
 }  // namespace isoscope::source
 

@@ -62,13 +62,31 @@ void ReadVolume(source::VolumeSource* volume) {
   const auto whole = ReadSamples(volume, dims.y * dims.z);
   if (!whole.ok()) {
     RequireSourceError(whole.status());
+    ReadBoxes(*volume, whole);
     Require(!ReadSamples(volume, dims.y * dims.z).ok(), "what can't be read can't be read again");
     return;
   }
   const auto again = ReadSamples(volume, dims.y * dims.z);
   Require(again.ok() && *again == *whole, "a volume that is read again is the same");
+  ReadBoxes(*volume, whole);
   const auto in_runs = ReadSamples(volume, 1 + dims.y / 2);
   Require(in_runs.ok() && *in_runs == *whole, "a volume is the same in one piece and in several");
+}
+
+// The volume as a box, if it has boxes: samples of rows, or an error.
+void ReadBoxes(const source::VolumeSource& volume, const absl::StatusOr<std::string>& whole) {
+  const math::Index3& dims = volume.info().geometry.sample_dims;
+  if (!volume.box_grid().has_value()) {
+    return;
+  }
+  const auto size = static_cast<std::size_t>(dims.y * dims.z * volume.info().row_bytes());
+  const auto box = std::make_unique<char[]>(size);
+  const absl::Status status = volume.ReadBox({.begin = {0, 0, 0}, .end = dims}, box.get());
+  if (!status.ok()) {
+    RequireSourceError(status);
+    return;
+  }
+  Require(!whole.ok() || *whole == std::string(box.get(), size), "a box has the samples of rows");
 }
 
 void CheckVolume(const absl::StatusOr<std::unique_ptr<source::VolumeSource>>& volume) {

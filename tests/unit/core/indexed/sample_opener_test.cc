@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
@@ -16,6 +17,7 @@
 #include "core/partition/distribution.h"
 #include "core/volume/block_layout.h"
 #include "tests/support/draws.h"
+#include "tests/support/hdf5_volume_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
@@ -86,6 +88,33 @@ class SampleOpenerTest : public ::testing::Test {
     testing::WriteVti(dir_.Sub("a.vti"), dims, names.at(kind.type), 1, block_bytes, samples_);
     return {.path = dir_.Sub("a.vti")};
   }
+  // Of any filters; a plain one if there is no `dice`.
+  source::OpenRequest WriteHdf5(const math::Index3& dims, const Kind& kind,
+                                const math::Index3& chunk, testing::Dice* dice) {
+    WriteZarr(dims, kind, chunk);  // for the samples
+    const std::map<std::string, std::pair<hid_t, hid_t>> types = {
+        {"|u1", {H5T_STD_U8LE, H5T_STD_U8LE}},    {"<i2", {H5T_STD_I16LE, H5T_STD_I16LE}},
+        {"<u2", {H5T_STD_U16LE, H5T_STD_U16LE}},  {">u2", {H5T_STD_U16BE, H5T_STD_U16LE}},
+        {"<f2", {H5T_STD_U16BE, H5T_STD_U16LE}},  {"<i8", {H5T_STD_I64LE, H5T_STD_I64LE}},
+        {"<f4", {H5T_IEEE_F32LE, H5T_IEEE_F32LE}}};
+    testing::Hdf5VolumeFile file{
+        .dims = dims,
+        .file_type = types.at(kind.dtype).first,
+        .memory_type = types.at(kind.dtype).second,
+        .chunk = {std::min(chunk.z, dims.z), std::min(chunk.y, dims.y), std::min(chunk.x, dims.x)}};
+    if (dice != nullptr) {
+      file.chunk = dice->OneIn(5) ? source::ChunkIndex() : file.chunk;
+      file.has_gzip = dice->OneIn(2);
+      file.has_shuffle = dice->OneIn(2);
+      file.has_checksum = dice->OneIn(3);
+      file.is_latest = dice->OneIn(2);
+      file.has_plain_edges = file.is_latest && dice->OneIn(2);
+      file.skipped_every = static_cast<int>(dice->Whole(0, 3));
+      file.missing_every = static_cast<int>(dice->Whole(0, 5));
+    }
+    testing::WriteHdf5Volume(dir_.Sub("a.h5"), file, samples_);
+    return {.path = dir_.Sub("a.h5")};
+  }
   partition::PartitionOptions OptionsTo(const std::string& name) const {
     partition::PartitionOptions options;
     options.output_directory = dir_.Sub(name);
@@ -118,7 +147,8 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
     const Kind kind = dice.OneOf(kKinds);
     const math::Index3 chunk{dice.Whole(1, 40), dice.Whole(1, 40), dice.Whole(1, 40)};
     source::OpenRequest request =
-        dice.OneIn(3) ? WriteRaw(dims, kind)
+        dice.OneIn(3)   ? WriteRaw(dims, kind)
+        : dice.OneIn(3) ? WriteHdf5(dims, kind, chunk, &dice)
         : dice.OneIn(3)
             ? WriteVti(dims, kind,
                        dice.OneIn(2) ? 0 : static_cast<std::size_t>(dice.Whole(1, 40000)))
@@ -176,7 +206,7 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
     for (const store::ShardSummary& shard : manifest.shards) {
       EXPECT_GT(shard.block_count, 0);
     }
-    for (const char* name : {"copy", "index", "shards", "a.zarr"}) {
+    for (const char* name : {"copy", "index", "shards", "a.zarr", "a.h5"}) {
       fs::remove_all(dir_.Sub(absl::StrCat(name, name[0] == 'a' ? "" : absl::StrCat(i))));
     }
   }
@@ -384,6 +414,27 @@ TEST_F(SampleOpenerTest, AMissingOrDamagedChunkIsDataLoss) {
   testing::WriteZarr(dir_.Sub("a.zarr"), {20, 30, 10}, "<u2", 2, {8, 8, 8}, samples_);
   EXPECT_THAT(Read(manifest, kOwn),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("20 x 30 x 10")));
+}
+
+TEST_F(SampleOpenerTest, AChangedHdf5FileIsDataLoss) {
+  const source::OpenRequest request = WriteHdf5({30, 20, 10}, kKinds[2], {8, 8, 8}, nullptr);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest, Cut(request, OptionsTo("d"), true));
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
+  const std::string bytes = testing::ReadFile(request.path);
+  // The first row of samples stands in a chunk only once.
+  const std::size_t at = bytes.find(samples_.substr(0, 16));
+  ASSERT_NE(at, std::string::npos);
+  std::string changed = bytes;
+  changed[at] = static_cast<char>(changed[at] ^ 1);
+  testing::WriteFile(request.path, changed);
+  EXPECT_THAT(Read(manifest, kOwn),
+              StatusIs(absl::StatusCode::kDataLoss,
+                       AllOf(HasSubstr("a.h5"), HasSubstr("the source has changed"))));
+  testing::WriteFile(request.path, bytes.substr(0, bytes.size() / 2));
+  EXPECT_THAT(Read(manifest, kOwn), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("a.h5")));
+  // The same samples, stored in another way.
+  WriteHdf5({30, 20, 10}, kKinds[2], {5, 9, 7}, nullptr);
+  ISOSCOPE_EXPECT_OK(Read(manifest, kOwn));
 }
 
 TEST_F(SampleOpenerTest, AMissingSourceIsNotFound) {
