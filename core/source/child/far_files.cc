@@ -138,8 +138,8 @@ void FarFiles::Run() const {
     // The child may send anything.
     absl::Status status = absl::InvalidArgumentError("no request of a file");
     if (size == static_cast<ssize_t>(sizeof(request)) && request.number >= 0 &&
-        request.number < static_cast<std::int64_t>(files_.size()) && request.size > 0 &&
-        request.size <= static_cast<std::int64_t>(kFarPieceBytes)) {
+        request.number < static_cast<std::int64_t>(files_.size()) && request.offset >= 0 &&
+        request.size > 0 && request.size <= static_cast<std::int64_t>(kFarPieceBytes)) {
       const io::RandomAccessFile& file = *files_[static_cast<std::size_t>(request.number)].file;
       const auto count = static_cast<std::size_t>(request.size);
       status = io::CheckRange(file, request.offset, count);

@@ -113,9 +113,13 @@ Hdf5Handle OpenHdf5ToRead(const std::string& path) {
   if (!io::IsMounted(path)) {
     return Hdf5Handle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   }
-  const Hdf5Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
-  H5Pset_driver(access.get(), FarDriver(), nullptr);
-  return Hdf5Handle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()), H5Fclose);
+  // It stays open: each call of the library, as closing it, would clear the error of H5Fopen.
+  static const hid_t access = [] {
+    const hid_t list = H5Pcreate(H5P_FILE_ACCESS);
+    H5Pset_driver(list, FarDriver(), nullptr);
+    return list;
+  }();
+  return Hdf5Handle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access), H5Fclose);
 }
 
 }  // namespace isoscope::source
