@@ -7,13 +7,8 @@
 //   4. Open: one volume, with random access, of the dimensions and the type of the manifest. Volumes
 //      of a series come from one source, which is kept open for the next one.
 //
-// A block is copied from the units that its stored samples meet:
-//
-//   unit 0       unit 1       unit 2
-//   |............|............|......    units of a source, along one axis
-//         [=================]            stored samples of a block
-//
-// The caller compares the block's checksum, so samples that have changed are never drawn.
+// A block is copied from one unit: the caller has its other samples (core/store/block_halo.h), and
+// compares its checksum, so samples that have changed are never drawn.
 
 #include "core/indexed/sample_opener.h"
 
@@ -47,6 +42,7 @@
 #include "core/source/series_parts.h"
 #include "core/source/source_stamps.h"
 #include "core/source/volume_source.h"
+#include "core/store/block_halo.h"
 #include "core/store/manifest.h"
 #include "core/store/source_volume.h"
 
@@ -290,6 +286,7 @@ class UnitReader final : public store::SampleReader {
       : sources_(std::move(sources)),
         source_(std::move(source)),
         layout_(layout),
+        samples_(samples),
         type_(source_->volume->info().type),
         origin_(samples.unit_origin),
         unit_dims_(samples.unit_dims),
@@ -301,23 +298,13 @@ class UnitReader final : public store::SampleReader {
 
   [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, const base::Cancellation& cancellation,
                                        char* out) const override {
-    const math::IndexBox stored = layout_.StoredSamplesOf(id);
-    const math::IndexBox units = UnitsOf(id);
-    math::Index3 unit;
-    for (unit.z = units.begin.z; unit.z < units.end.z; ++unit.z) {
-      for (unit.y = units.begin.y; unit.y < units.end.y; ++unit.y) {
-        for (unit.x = units.begin.x; unit.x < units.end.x; ++unit.x) {
-          ISOSCOPE_ASSIGN_OR_RETURN(const UnitSamples samples, SamplesOf(unit, cancellation));
-          CopyFrom(BoxOf(unit), *samples, stored, out);
-        }
-      }
-    }
+    const math::Index3 unit = UnitOf(id);
+    ISOSCOPE_ASSIGN_OR_RETURN(const UnitSamples samples, SamplesOf(unit, cancellation));
+    CopyFrom(BoxOf(unit), *samples, layout_.StoredSamplesOf(id), out);
     return absl::OkStatus();
   }
-  [[nodiscard]] math::IndexBox UnitsOf(volume::BlockId id) const override {
-    const math::IndexBox stored = layout_.StoredSamplesOf(id);
-    const math::Index3 one{1, 1, 1};
-    return {.begin = UnitOf(stored.begin), .end = UnitOf(stored.end - one) + one};
+  [[nodiscard]] math::Index3 UnitOf(volume::BlockId id) const override {
+    return store::UnitOfBlock(layout_, samples_, id);
   }
   [[nodiscard]] absl::Status ReadUnit(const math::Index3& unit,
                                       const base::Cancellation& cancellation) const override {
@@ -338,10 +325,6 @@ class UnitReader final : public store::SampleReader {
  private:
   using UnitSamples = std::shared_ptr<const std::string>;
 
-  [[nodiscard]] math::Index3 UnitOf(const math::Index3& sample) const {
-    return {(sample.x - origin_.x) / unit_dims_.x, (sample.y - origin_.y) / unit_dims_.y,
-            (sample.z - origin_.z) / unit_dims_.z};
-  }
   [[nodiscard]] UnitCache::Key KeyOf(const math::Index3& unit) const {
     return {source_->number, unit.x + counts_.x * (unit.y + counts_.y * unit.z)};
   }
@@ -394,6 +377,7 @@ class UnitReader final : public store::SampleReader {
   const std::shared_ptr<Sources> sources_;
   const std::shared_ptr<const OpenSource> source_;
   const volume::BlockLayout layout_;
+  const store::SourceSamples samples_;
   const volume::ScalarType type_;
   const math::Index3 origin_;
   const math::Index3 unit_dims_;

@@ -42,8 +42,8 @@ absl::StatusOr<SourceAccess> AccessOfUser();
 inline constexpr std::size_t kDefaultSourceBytes = static_cast<std::size_t>(256 * base::kMiB);
 
 // Returns a function that opens sources. Readers of one dataset share its source. The function and
-// its readers share one cache, and are thread-safe. Readers take the whole of the units that a block
-// meets, ghost samples included.
+// its readers share one cache, and are thread-safe. Readers take the whole of the unit that has a
+// block's first own sample.
 //
 //   NOT_FOUND            nothing is there
 //   PERMISSION_DENIED    the access does not allow one of the source's files, links resolved

@@ -250,7 +250,6 @@ class VolumeJoiner {
         const store::ShardSummary summary,
         store::JoinShard(
             pieces, layout_, type, directory, IsDirect(),
-            pieces_.records.front().manifest.in_source.has_value(),
             [&](const store::JoinedBlock& block) {
               constexpr std::uint32_t kBlocksBetweenReports = 4096;
               if (block.ordinal % kBlocksBetweenReports == 0) {

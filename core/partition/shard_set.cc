@@ -19,6 +19,7 @@
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
 #include "core/store/block_codec.h"
+#include "core/store/block_halo.h"
 #include "core/store/histogram_file.h"
 
 namespace isoscope::partition {
@@ -29,45 +30,26 @@ constexpr std::uint32_t kBlocksBetweenChecks = 1 << 10;
 // Smaller writes past the page cache take longer than copies into it.
 constexpr std::int64_t kMinDirectBytes = 256 * base::kKiB;
 
-// A file that is nowhere.
-class NoFile final : public io::WritableFile {
- public:
-  [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
-    return WriteAt(size_bytes_, bytes);
-  }
-  [[nodiscard]] absl::Status WriteAt(std::int64_t offset, absl::string_view bytes) override {
-    size_bytes_ = std::max(size_bytes_, offset + static_cast<std::int64_t>(bytes.size()));
-    return absl::OkStatus();
-  }
-  [[nodiscard]] absl::Status Close() override { return absl::OkStatus(); }
-  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
-
- private:
-  std::int64_t size_bytes_ = 0;
-};
-
 }  // namespace
 
 ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layout,
                    volume::ScalarType type, const PartitionPlan& plan,
-                   store::BlockEncoding encoding)
+                   store::BlockEncoding encoding,
+                   const std::optional<store::SourceSamples>& in_source)
     : directory_(directory),
       layout_(layout),
       type_(type),
       plan_(plan),
-      encoding_(encoding),
+      encoding_(in_source.has_value() ? store::BlockEncoding::kHalo : encoding),
+      in_source_(in_source),
       entries_(directory, plan.entry_bytes) {}
 
-absl::Status ShardSet::Create(int shard_count, bool is_direct, bool is_index_only) {
-  ISOSCOPE_CHECK(!is_index_only || encoding_ == store::BlockEncoding::kRaw);
+absl::Status ShardSet::Create(int shard_count, bool is_direct) {
   const auto buffer_bytes = static_cast<std::size_t>(plan_.file_buffer_bytes);
   const bool are_blocks_direct = is_direct && plan_.file_buffer_bytes >= kMinDirectBytes;
   const auto create_file =
       [=](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::WritableFile>> {
     const bool is_of_blocks = absl::EndsWith(path, store::kBlocksFileName);
-    if (is_index_only && is_of_blocks) {
-      return std::make_unique<NoFile>();
-    }
     return are_blocks_direct && is_of_blocks ? io::CreateDirectFile(path, buffer_bytes)
                                              : io::CreateBufferedFile(path, buffer_bytes);
   };
@@ -123,10 +105,13 @@ void ShardSet::EncodeBlocks(BlockBatch* batch) const {
   tbb::parallel_for(std::size_t{0}, batch->blocks.size(), [&](std::size_t i) {
     const volume::BlockId id = batch->blocks[i].id;
     char* const bytes = batch->bytes.data() + batch->offsets[i];
+    const absl::string_view samples(bytes, batch->offsets[i + 1] - batch->offsets[i]);
     std::string stored;
     const store::BlockEncoding encoding =
-        store::EncodeBlock(encoding_, type_, layout_.StoredSamplesOf(id).dims(),
-                           {bytes, batch->offsets[i + 1] - batch->offsets[i]}, &stored);
+        in_source_.has_value()
+            ? store::EncodeHalo(layout_, *in_source_, type_, id, samples, &stored)
+            : store::EncodeBlock(encoding_, type_, layout_.StoredSamplesOf(id).dims(), samples,
+                                 &stored);
     stored.copy(bytes, stored.size());
     batch->entries[i] = {.block_id = id,
                          .encoding = static_cast<std::uint32_t>(encoding),

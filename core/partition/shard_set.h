@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -21,6 +22,7 @@
 #include "core/partition/partition_plan.h"
 #include "core/store/manifest.h"
 #include "core/store/part_file.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "core/volume/block_layout.h"
@@ -29,16 +31,17 @@
 
 namespace isoscope::partition {
 
+// in_source: of an index-only volume, whose blocks are halos, whatever `encoding` is.
 // Thread-compatible: Create, then Write for each batch, then Finish. References must outlive it.
 class ShardSet {
  public:
   ShardSet(const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
-           const PartitionPlan& plan, store::BlockEncoding encoding);
+           const PartitionPlan& plan, store::BlockEncoding encoding,
+           const std::optional<store::SourceSamples>& in_source = std::nullopt);
 
   // Creates the folders and the files of blocks. is_direct: past the page cache, if the plan's
   // buffers are large enough for that
-  // is_index_only: blocks are measured, and written nowhere. REQUIRES then: they are not encoded.
-  absl::Status Create(int shard_count, bool is_direct, bool is_index_only = false);
+  absl::Status Create(int shard_count, bool is_direct);
   // Encodes and writes the blocks of a batch that was cut, those of a shard by one thread in the
   // order of its file, so that neighbours are written together. The batch's bytes are lost.
   absl::Status Write(BlockBatch* batch);
@@ -89,7 +92,8 @@ class ShardSet {
   const volume::BlockLayout& layout_;
   const volume::ScalarType type_;
   const PartitionPlan& plan_;
-  const store::BlockEncoding encoding_;
+  const store::BlockEncoding encoding_;  // kHalo if the samples are in the source
+  const std::optional<store::SourceSamples> in_source_;
   std::vector<std::string> directories_;
   std::vector<std::unique_ptr<store::ShardWriter>> writers_;
   io::ExternalSorter<Entry> entries_;

@@ -186,14 +186,13 @@ absl::Status VolumeWriter::WriteLayers(const std::string& directory, const Layer
   progress_.phase = "writing blocks";
   placements_.emplace(directory, layout_, type_, plan_);
   ISOSCOPE_RETURN_IF_ERROR(placements_->PlaceAll(map, layers));
-  shards_.emplace(directory, layout_, type_, plan_, options_.compression);
+  shards_.emplace(directory, layout_, type_, plan_, options_.compression, options_.in_source);
   const std::int64_t raw_bytes = StoredBytes(layout_, type_, layers.begin, layers.end);
-  const std::int64_t expected_bytes = options_.compression == store::BlockEncoding::kRaw
-                                          ? raw_bytes
-                                          : raw_bytes / kExpectedCompression;
+  const bool is_raw =
+      options_.compression == store::BlockEncoding::kRaw && !options_.in_source.has_value();
+  const std::int64_t expected_bytes = is_raw ? raw_bytes : raw_bytes / kExpectedCompression;
   const bool is_direct = expected_bytes > options_.max_cached_bytes.value_or(CachedBytes());
-  ISOSCOPE_RETURN_IF_ERROR(
-      shards_->Create(options_.shard_count, is_direct, options_.in_source.has_value()));
+  ISOSCOPE_RETURN_IF_ERROR(shards_->Create(options_.shard_count, is_direct));
   batch_writer_.emplace(&*shards_, static_cast<std::size_t>(plan_.batch_count));
   ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
                             store::RangeTableWriter::Create(

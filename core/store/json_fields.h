@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 
@@ -17,6 +18,9 @@
 namespace isoscope::store {
 
 using Json = nlohmann::ordered_json;
+
+// The largest integer of a member.
+inline constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
 // Numbers that JSON lacks become the strings "inf" and "-inf". REQUIRES: `value` is not NaN.
 Json JsonFromDouble(double value);

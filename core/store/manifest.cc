@@ -26,7 +26,6 @@
 #include "core/store/manifest.h"
 
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "absl/strings/numbers.h"
@@ -43,8 +42,6 @@
 
 namespace isoscope::store {
 namespace {
-
-constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
 absl::Status ReadShards(const Json& json, absl::string_view where,
                         std::vector<ShardSummary>* shards) {

@@ -3,7 +3,6 @@
 
 #include "core/store/part_file.h"
 
-#include <limits>
 #include <memory>
 
 #include "absl/strings/escaping.h"
@@ -26,8 +25,6 @@ constexpr absl::string_view kCutFormat = "isoscope-part-cut";
 constexpr absl::string_view kPieceFormat = "isoscope-part-piece";
 constexpr absl::string_view kProgressFormat = "isoscope-part-progress";
 constexpr int kPartFormatVersion = 1;
-constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
-
 Json HeadOf(absl::string_view format) {
   Json json;
   json["format"] = std::string(format);

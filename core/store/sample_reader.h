@@ -15,7 +15,6 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/units.h"
-#include "core/math/box.h"
 #include "core/math/vec.h"
 #include "core/volume/block_layout.h"
 
@@ -43,17 +42,16 @@ class SampleReader {
  public:
   virtual ~SampleReader() = default;
 
-  // Writes the stored samples of a block, volume::StoredSizeBytes of them, to `out`. The caller
-  // compares their checksum. Errors are those of the source, and name it; that of `cancellation`
-  // soon after it fires.
+  // Writes those stored samples of a block that lie in its unit (PartInUnit, block_halo.h) to their
+  // places among all of them, volume::StoredSizeBytes, in `out`. The caller compares their checksum.
+  // Errors are those of the source, and name it; that of `cancellation` soon after it fires.
   [[nodiscard]] virtual absl::Status ReadBlock(volume::BlockId id,
                                                const base::Cancellation& cancellation,
                                                char* out) const = 0;
-  // The units that a block's stored samples meet, as a box in the grid of units. `begin` has its first
-  // sample.
-  [[nodiscard]] virtual math::IndexBox UnitsOf(volume::BlockId id) const = 0;
-  // Reads a unit into memory, where ReadBlock finds it as long as others leave it
-  // room. Errors as of ReadBlock.
+  // Returns the unit that ReadBlock reads (UnitOfBlock).
+  [[nodiscard]] virtual math::Index3 UnitOf(volume::BlockId id) const = 0;
+  // Reads a unit into memory, where ReadBlock finds it as long as others leave it room. Errors as of
+  // ReadBlock.
   [[nodiscard]] virtual absl::Status ReadUnit(const math::Index3& unit,
                                               const base::Cancellation& cancellation) const = 0;
   // Whether a unit is in memory, or being read.

@@ -8,8 +8,8 @@
 //   4. interval_tree.bin size, and CRC-32C of its first 4096 bytes, from shard.json
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
-//   6. blocks.bin        size; each block's CRC-32C when it is read. An index-only shard has none:
-//                        its source is opened, and blocks are read from there (source_blocks_file.h)
+//   6. blocks.bin        size; each block's CRC-32C when it is read. That of an index-only shard has
+//                        halos: its source is opened, and blocks are made of both (block_halo.h)
 //   7. histogram.bin     on request only: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
@@ -27,7 +27,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <limits>
 #include <memory>
 #include <utility>
 
@@ -38,6 +37,7 @@
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
 #include "core/store/block_codec.h"
+#include "core/store/block_halo.h"
 #include "core/store/directory_files.h"
 #include "core/store/histogram_file.h"
 #include "core/store/json_fields.h"
@@ -50,8 +50,6 @@
 
 namespace isoscope::store {
 namespace {
-
-constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
 absl::Status CheckFileCrc32c(const std::string& path, absl::string_view bytes,
                              std::uint32_t expected, absl::string_view expected_by,
@@ -258,6 +256,7 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
   // Blocks may come in any order, because other writers may use another one.
   volume::BlockSet seen(layout_.block_count());
   std::int64_t offset = 0;
+  std::int64_t raw_offset = 0;
   for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
     const BlockIndexEntry entry = DecodeBlockIndexEntry(bytes.data() + at);
     if (entry.encoding > static_cast<std::uint32_t>(kLastBlockEncoding)) {
@@ -276,9 +275,11 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
     const std::size_t raw_size =
         volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
     const auto encoding = static_cast<BlockEncoding>(entry.encoding);
+    const bool is_expected =
+        encoding == BlockEncoding::kRaw || (encoding == BlockEncoding::kHalo) == is_index_only();
     const bool has_right_size = encoding == BlockEncoding::kRaw
                                     ? entry.size == raw_size
-                                    : !is_index_only() && entry.size > 0 && entry.size < raw_size;
+                                    : is_expected && entry.size > 0 && entry.size < raw_size;
     if (!has_right_size || entry.raw_size != raw_size || entry.offset != offset) {
       return absl::DataLossError(absl::StrFormat(
           "%s: offset %d: block %d of %d stored (%s) and %d raw bytes at %d, expected %d raw bytes "
@@ -286,12 +287,21 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
           path, at, entry.block_id, entry.size, NameOf(encoding), entry.raw_size, entry.offset,
           raw_size, offset));
     }
+    const Entry stored{.block_id = entry.block_id,
+                       .size = entry.size,
+                       .offset = offset,
+                       .crc32c = entry.crc32c,
+                       .encoding = encoding};
     offset += entry.size;
-    entries_.push_back({.block_id = entry.block_id,
-                        .size = entry.size,
-                        .offset = entry.offset,
-                        .crc32c = entry.crc32c,
-                        .encoding = encoding});
+    if (is_index_only()) {
+      halos_.push_back(stored);
+      entries_.push_back({.block_id = entry.block_id,
+                          .size = static_cast<std::uint32_t>(raw_size),
+                          .offset = raw_offset});
+      raw_offset += static_cast<std::int64_t>(raw_size);
+    } else {
+      entries_.push_back(stored);
+    }
   }
   return absl::OkStatus();
 }
@@ -299,9 +309,17 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
 absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSamples& open_samples) {
   const std::int64_t manifest_bytes =
       manifest_.shards[static_cast<std::size_t>(shard_index_)].block_bytes;
+  const std::vector<Entry>& stored = is_index_only() ? halos_ : entries_;
   const std::int64_t index_bytes =
-      entries_.empty() ? 0 : entries_.back().offset + std::int64_t{entries_.back().size};
+      stored.empty() ? 0 : stored.back().offset + std::int64_t{stored.back().size};
   const std::string path = PathIn(directory_, kBlocksFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenRequired(path, open_file));
+  blocks_file_->ExpectScatteredReads();
+  if (index_bytes != manifest_bytes || blocks_file_->size_bytes() != index_bytes) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: %d bytes, the manifest expects %d and the block index %d", path,
+                        blocks_file_->size_bytes(), manifest_bytes, index_bytes));
+  }
   if (is_index_only()) {
     if (open_samples == nullptr) {
       return absl::FailedPreconditionError(absl::StrFormat(
@@ -309,36 +327,81 @@ absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSample
           directory_, manifest_.in_source->request.at("path")));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(samples_, open_samples(manifest_));
-    blocks_file_ = MakeSourceFile(manifest_bytes, nullptr);
-  } else {
-    ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenRequired(path, open_file));
-  }
-  blocks_file_->ExpectScatteredReads();
-  if (index_bytes != manifest_bytes || blocks_file_->size_bytes() != index_bytes) {
-    return absl::DataLossError(
-        absl::StrFormat("%s: %d bytes, the manifest expects %d and the block index %d", path,
-                        blocks_file_->size_bytes(), manifest_bytes, index_bytes));
+    halos_file_ = std::move(blocks_file_);
+    blocks_file_ = MakeSourceFile(nullptr);
   }
   return absl::OkStatus();
 }
 
 std::unique_ptr<io::RandomAccessFile> ShardReader::MakeSourceFile(
-    std::int64_t size_bytes, const base::Cancellation* cancellation) const {
+    const base::Cancellation* cancellation) const {
   const auto find = [this](std::int64_t offset) {
     const auto behind =
         std::upper_bound(entries_.begin(), entries_.end(), offset,
                          [](std::int64_t at, const Entry& entry) { return at < entry.offset; });
-    const Entry& entry = *std::prev(behind);
-    return BlockPlace{.block_id = entry.block_id, .offset = entry.offset, .size = entry.size};
+    const auto entry = std::prev(behind);
+    return BlockPlace{.ordinal = static_cast<std::uint32_t>(entry - entries_.begin()),
+                      .offset = entry->offset,
+                      .size = entry->size};
   };
-  return MakeSourceBlocksFile(PathIn(directory_, kBlocksFileName), size_bytes, samples_, find,
+  const auto read = [this](std::uint32_t ordinal, const base::Cancellation& ends, char* out) {
+    return ReadSourceBlock(ordinal, ends, out);
+  };
+  const std::int64_t size_bytes =
+      entries_.empty() ? 0 : entries_.back().offset + std::int64_t{entries_.back().size};
+  return MakeSourceBlocksFile(halos_file_->path(), size_bytes,
+                              {.find = find, .read = read, .is_local = samples_->is_local()},
                               cancellation);
+}
+
+absl::Status ShardReader::ReadSourceBlock(std::uint32_t ordinal,
+                                          const base::Cancellation& cancellation, char* out) const {
+  const Entry& stored = halos_[ordinal];
+  const Entry& entry = entries_[ordinal];
+  std::string bytes(stored.size, '\0');
+  ISOSCOPE_RETURN_IF_ERROR(halos_file_->ReadAt(stored.offset, bytes.size(), bytes.data()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckStored(stored, bytes, *halos_file_));
+  if (stored.encoding == BlockEncoding::kRaw) {
+    bytes.copy(out, bytes.size());
+    return absl::OkStatus();
+  }
+  const auto in_block = [&](const absl::Status& status) {
+    return absl::Status(status.code(), absl::StrCat("block ", entry.block_id, " of ",
+                                                    halos_file_->path(), ": ", status.message()));
+  };
+  if (absl::Status status = samples_->ReadBlock(entry.block_id, cancellation, out); !status.ok()) {
+    return in_block(status);
+  }
+  const absl::StatusOr<std::uint32_t> expected =
+      DecodeHalo(layout_, *manifest_.in_source, manifest_.scalar_type, entry.block_id, bytes, out);
+  if (!expected.ok()) {
+    return in_block(expected.status());
+  }
+  const std::uint32_t computed = base::ExtendCrc32c(0, out, entry.size);
+  return computed == *expected
+             ? absl::OkStatus()
+             : in_block(absl::DataLossError(absl::StrFormat(
+                   "its samples in %s are not those that were partitioned (crc32c 0x%08x, now "
+                   "0x%08x): the source has changed; partition it anew",
+                   source_name(), *expected, computed)));
+}
+
+absl::Status ShardReader::CheckStored(const Entry& entry, absl::string_view stored,
+                                      const io::RandomAccessFile& file) const {
+  const std::uint32_t computed = base::Crc32c(stored);
+  return computed == entry.crc32c
+             ? absl::OkStatus()
+             : absl::DataLossError(absl::StrFormat(
+                   "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x "
+                   "computed; copy the shard again or partition anew",
+                   Where(), entry.block_id, entry.size, entry.offset, file.path(), entry.crc32c,
+                   computed));
 }
 
 std::unique_ptr<io::RandomAccessFile> ShardReader::OpenSourceBlocks(
     const base::Cancellation& cancellation) const {
   ISOSCOPE_CHECK(is_index_only());
-  return MakeSourceFile(blocks_file_->size_bytes(), &cancellation);
+  return MakeSourceFile(&cancellation);
 }
 
 std::int64_t ShardReader::block_count() const { return static_cast<std::int64_t>(entries_.size()); }
@@ -428,7 +491,7 @@ std::vector<ShardReader::DiskRun> ShardReader::PlanDiskRuns(
     const std::int64_t end = entry.offset + entry.size;
     const math::Index3 last_unit = unit;
     if (is_index_only()) {
-      unit = samples_->UnitsOf(entry.block_id).begin;
+      unit = samples_->UnitOf(entry.block_id);
     }
     if (!runs.empty() && unit == last_unit) {
       DiskRun& run = runs.back();
@@ -482,21 +545,10 @@ absl::Status ShardReader::VisitDiskRun(
 
 absl::StatusOr<const char*> ShardReader::VerifyAndDecode(const Entry& entry, const char* stored,
                                                          BlockBuffers* buffers) const {
-  const std::uint32_t computed = base::ExtendCrc32c(0, stored, entry.size);
-  if (computed != entry.crc32c) {
-    if (is_index_only()) {
-      return absl::DataLossError(absl::StrFormat(
-          "%s: block %d of %s: its samples in %s are not those that were partitioned (crc32c "
-          "0x%08x, "
-          "now 0x%08x): the source has changed; partition it anew",
-          Where(), entry.block_id, blocks_file_->path(), source_name(), entry.crc32c, computed));
-    }
-    return absl::DataLossError(absl::StrFormat(
-        "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "
-        "the shard again or partition anew",
-        Where(), entry.block_id, entry.size, entry.offset, blocks_file_->path(), entry.crc32c,
-        computed));
+  if (is_index_only()) {
+    return stored;  // ReadSourceBlock has verified it
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckStored(entry, {stored, entry.size}, *blocks_file_));
   if (entry.encoding == BlockEncoding::kRaw) {
     return stored;
   }

@@ -177,9 +177,13 @@ class ShardReader {
   absl::Status DecodeEntries(const std::string& path, absl::string_view bytes);
   // Opens blocks.bin and checks its size. REQUIRES: entries_ is filled.
   absl::Status OpenBlocks(const OpenFile& open_file, const OpenSamples& open_samples);
-  // Returns the blocks.bin of an index-only shard. cancellation: null if nothing ends its reads
+  // Returns the raw blocks of an index-only shard as a file. cancellation: null if nothing ends its
+  // reads
   [[nodiscard]] std::unique_ptr<io::RandomAccessFile> MakeSourceFile(
-      std::int64_t size_bytes, const base::Cancellation* cancellation) const;
+      const base::Cancellation* cancellation) const;
+  // Makes a block of an index-only shard of its unit and its halo, and verifies both.
+  absl::Status ReadSourceBlock(std::uint32_t ordinal, const base::Cancellation& cancellation,
+                               char* out) const;
   // Returns "dataset NAME (ID), shard 3 of 16".
   [[nodiscard]] std::string Where() const;
 
@@ -194,6 +198,9 @@ class ShardReader {
     std::string samples;
     std::string scratch;
   };
+  // Compares the checksum of the stored bytes of a block. file: has them
+  [[nodiscard]] absl::Status CheckStored(const Entry& entry, absl::string_view stored,
+                                         const io::RandomAccessFile& file) const;
   // Returns the samples of the block that lies at `stored`: these bytes, or decoded ones in
   // `buffers`. DATA_LOSS if its checksum is wrong, or if it can't be decoded.
   absl::StatusOr<const char*> VerifyAndDecode(const Entry& entry, const char* stored,
@@ -205,10 +212,13 @@ class ShardReader {
   int shard_index_ = 0;
   volume::BlockLayout layout_;
   std::shared_ptr<VolumeRanges> ranges_;
-  std::vector<Entry> entries_;                     // by ordinal
+  // By ordinal. Those of an index-only shard are of raw blocks, which no file has.
+  std::vector<Entry> entries_;
+  std::vector<Entry> halos_;                       // as they are stored, of an index-only shard
   OpenFile open_file_;                             // of Open, for what is read later
   std::optional<std::uint32_t> histogram_crc32c_;  // of the whole file; not set: there is none
   std::int64_t histogram_bytes_ = 0;
+  std::unique_ptr<io::RandomAccessFile> halos_file_;  // blocks.bin of an index-only shard
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
   std::shared_ptr<const SampleReader> samples_;  // of an index-only shard
   std::string no_source_;

@@ -1,14 +1,10 @@
 #include "partition-agent/supply/block_reads.h"
 
 #include <algorithm>
-#include <array>
 #include <memory>
 #include <optional>
 
-#include "absl/container/flat_hash_map.h"
-
 #include "core/base/status_macros.h"
-#include "core/math/box.h"
 #include "core/math/z_order.h"
 #include "core/store/sample_reader.h"
 
@@ -36,71 +32,37 @@ BlockReads::BlockReads(const Shards& shards, const std::vector<BlockToRead>& blo
   }
 }
 
-// Calls visit(unit) for each unit that a run's blocks meet, some of them several times.
-void BlockReads::ForEachUnit(const Run& run,
-                             absl::FunctionRef<void(const math::Index3&)> visit) const {
-  const OfShard& of = shards_[run.of];
-  for (std::size_t i = 0; i < run.disk_run.count; ++i) {
-    const math::IndexBox units =
-        of.reader->samples()->UnitsOf(of.reader->block_id(of.ordinals[run.disk_run.first + i]));
-    math::Index3 unit;
-    for (unit.z = units.begin.z; unit.z < units.end.z; ++unit.z) {
-      for (unit.y = units.begin.y; unit.y < units.end.y; ++unit.y) {
-        for (unit.x = units.begin.x; unit.x < units.end.x; ++unit.x) {
-          visit(unit);
-        }
-      }
-    }
-  }
-}
-
 // What is in memory comes first, before other units take its place.
 void BlockReads::SortByUnits() {
-  struct Place {
-    Run run;
-    bool is_missing = false;  // a unit of it
-    math::Index3 unit{0, 0, 0};
-  };
-  std::vector<Place> places;
-  places.reserve(runs_.size());
-  for (const Run& run : runs_) {
+  std::vector<std::pair<bool, Run>> runs;  // whether the unit must be read
+  runs.reserve(runs_.size());
+  for (Run& run : runs_) {
     const OfShard& of = shards_[run.of];
     const store::SampleReader& samples = *of.reader->samples();
-    Place place{
-        .run = run,
-        .unit = samples.UnitsOf(of.reader->block_id(of.ordinals[run.disk_run.first])).begin};
-    ForEachUnit(run, [&](const math::Index3& unit) {
-      place.is_missing = place.is_missing || !samples.HasUnit(unit);
-    });
-    places.push_back(place);
+    run.unit = samples.UnitOf(of.reader->block_id(of.ordinals[run.disk_run.first]));
+    runs.emplace_back(!samples.HasUnit(run.unit), run);
   }
-  std::stable_sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
-    return a.is_missing != b.is_missing ? b.is_missing : math::IsBeforeInZOrder(a.unit, b.unit);
+  std::stable_sort(runs.begin(), runs.end(), [](const auto& a, const auto& b) {
+    return a.first != b.first ? b.first : math::IsBeforeInZOrder(a.second.unit, b.second.unit);
   });
-  std::transform(places.begin(), places.end(), runs_.begin(),
-                 [](const Place& place) { return place.run; });
+  std::transform(runs.begin(), runs.end(), runs_.begin(),
+                 [](const auto& run) { return run.second; });
 }
 
-// Returns the units of a far source in the order in which the runs need them. A unit comes again if
-// so many others were needed since that it may have been dropped.
+// Returns the units of a far source in the order in which the runs need them, each once.
 std::vector<UnitReadAhead::Unit> BlockReads::PlanUnitsAhead() {
   std::vector<UnitReadAhead::Unit> units;
-  absl::flat_hash_map<std::array<std::int64_t, 3>, std::size_t> last_listed;
   bool is_any_missing = false;
   for (Run& run : runs_) {
-    run.unit_count_before = units.size();
     const store::SampleReader* const samples = shards_[run.of].reader->samples();
     if (samples->is_local()) {
       return {};
     }
-    ForEachUnit(run, [&](const math::Index3& unit) {
-      const auto [listed, is_new] = last_listed.try_emplace({unit.x, unit.y, unit.z}, units.size());
-      if (is_new || units.size() - listed->second > samples->max_units_ahead()) {
-        listed->second = units.size();
-        is_any_missing = is_any_missing || !samples->HasUnit(unit);
-        units.push_back({.reader = samples, .index = unit});
-      }
-    });
+    if (units.empty() || !(units.back().index == run.unit)) {
+      is_any_missing = is_any_missing || !samples->HasUnit(run.unit);
+      units.push_back({.reader = samples, .index = run.unit});
+    }
+    run.unit_count_before = units.size() - 1;
   }
   return is_any_missing ? units : std::vector<UnitReadAhead::Unit>();
 }

@@ -61,10 +61,10 @@ class BlockReads {
     std::size_t of = 0;  // in shards_
     store::ShardReader::DiskRun disk_run;
     std::size_t visited_count = 0;      // blocks
+    math::Index3 unit{0, 0, 0};         // of an index-only shard
     std::size_t unit_count_before = 0;  // that are read ahead for the runs before it
   };
 
-  void ForEachUnit(const Run& run, absl::FunctionRef<void(const math::Index3&)> visit) const;
   void SortByUnits();
   std::vector<UnitReadAhead::Unit> PlanUnitsAhead();
   absl::StatusOr<ArrivalWork> VisitArrival(const io::ReadQueue::Arrival& arrival, Visit visit,

@@ -354,11 +354,22 @@ TEST_F(ShardReaderTest, AnUnknownEncodingIsNamedAndAsksForANewerProgram) {
   TestDataset dataset;
   WriteDataset(&dataset);
   std::string payload = Slurp(ShardFile(kBlockIndexFileName)).substr(kBinaryHeaderBytes);
-  base::StoreLittleEndian(std::uint32_t{4}, payload.data() + kBlockIndexEntryBytes + 4);
+  base::StoreLittleEndian(std::uint32_t{5}, payload.data() + kBlockIndexEntryBytes + 4);
   ReplaceBlockIndex(dataset, payload);
   EXPECT_THAT(ReadShard(shard_directory_),
               StatusIs(absl::StatusCode::kFailedPrecondition,
-                       HasSubstr("encoding 4, this program reads 0 to 3; use a newer program")));
+                       HasSubstr("encoding 5, this program reads 0 to 4; use a newer program")));
+}
+
+TEST_F(ShardReaderTest, AHaloNeedsASource) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  std::string payload = Slurp(ShardFile(kBlockIndexFileName)).substr(kBinaryHeaderBytes);
+  base::StoreLittleEndian(std::uint32_t{4}, payload.data() + kBlockIndexEntryBytes + 4);
+  base::StoreLittleEndian(std::uint32_t{5}, payload.data() + kBlockIndexEntryBytes + 16);
+  ReplaceBlockIndex(dataset, payload);
+  EXPECT_THAT(ReadShard(shard_directory_),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("stored (halo)")));
 }
 
 TEST_F(ShardReaderTest, BlocksMayLieInAnyOrder) {

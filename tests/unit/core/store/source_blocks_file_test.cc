@@ -21,47 +21,28 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 // Blocks of 10, 20, 30, ... bytes, each of its own letter; block 5 can't be read.
-class Letters final : public SampleReader {
- public:
-  explicit Letters(bool is_local) : is_local_(is_local) {}
-  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, const base::Cancellation& cancellation,
-                                       char* out) const override {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    if (id == 5) {
-      return absl::NotFoundError("a.raw: no such file");
-    }
-    std::fill_n(out, 10 * (id + 1), static_cast<char>('a' + id));
-    return absl::OkStatus();
-  }
-  [[nodiscard]] math::IndexBox UnitsOf(volume::BlockId /*id*/) const override { return {}; }
-  [[nodiscard]] absl::Status ReadUnit(const math::Index3& /*unit*/,
-                                      const base::Cancellation& /*cancellation*/) const override {
-    return absl::OkStatus();
-  }
-  [[nodiscard]] bool HasUnit(const math::Index3& /*unit*/) const override { return true; }
-  [[nodiscard]] std::size_t max_units_ahead() const override { return 1; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
-  [[nodiscard]] bool is_local() const override { return is_local_; }
-
- private:
-  const std::string name_ = "a.raw";
-  const bool is_local_;
-};
-
 std::unique_ptr<io::RandomAccessFile> MakeFile(bool is_local,
                                                const base::Cancellation* cancellation = nullptr) {
-  return MakeSourceBlocksFile(
-      "s/blocks.bin", 10 + 20 + 30 + 40 + 50 + 60, std::make_shared<const Letters>(is_local),
-      [](std::int64_t offset) {
-        BlockPlace place{.block_id = 0, .offset = 0, .size = 10};
-        while (offset >= place.offset + place.size) {
-          place = {.block_id = place.block_id + 1,
-                   .offset = place.offset + place.size,
-                   .size = place.size + 10};
-        }
-        return place;
-      },
-      cancellation);
+  const auto find = [](std::int64_t offset) {
+    BlockPlace place{.ordinal = 0, .offset = 0, .size = 10};
+    while (offset >= place.offset + place.size) {
+      place = {.ordinal = place.ordinal + 1,
+               .offset = place.offset + place.size,
+               .size = place.size + 10};
+    }
+    return place;
+  };
+  const auto read = [](std::uint32_t ordinal, const base::Cancellation& ends,
+                       char* out) -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(ends.Check());
+    if (ordinal == 5) {
+      return absl::NotFoundError("block 5: a.raw: no such file");
+    }
+    std::fill_n(out, 10 * (ordinal + 1), static_cast<char>('a' + ordinal));
+    return absl::OkStatus();
+  };
+  return MakeSourceBlocksFile("s/blocks.bin", 10 + 20 + 30 + 40 + 50 + 60,
+                              {.find = find, .read = read, .is_local = is_local}, cancellation);
 }
 
 TEST(SourceBlocksFileTest, ReadsEndWithTheirCancellation) {
@@ -100,9 +81,9 @@ TEST(SourceBlocksFileTest, ReadsEveryStretch) {
 TEST(SourceBlocksFileTest, ErrorsNameBlockFileAndSource) {
   const auto file = MakeFile(true);
   std::string read(60, '?');
-  EXPECT_THAT(file->ReadAt(150, 60, read.data()),
-              StatusIs(absl::StatusCode::kNotFound,
-                       AllOf(HasSubstr("block 5"), HasSubstr("s/blocks.bin"), HasSubstr("a.raw"))));
+  EXPECT_THAT(
+      file->ReadAt(150, 60, read.data()),
+      StatusIs(absl::StatusCode::kNotFound, AllOf(HasSubstr("block 5"), HasSubstr("a.raw"))));
   EXPECT_EQ(file->ReadCached(150, 60, read.data()), 0U);
   EXPECT_THAT(file->ReadAt(200, 11, read.data()), StatusIs(absl::StatusCode::kDataLoss));
 }

@@ -55,7 +55,7 @@ class Notes final : public store::SampleReader {
                                        char* /*out*/) const override {
     return absl::OkStatus();
   }
-  [[nodiscard]] math::IndexBox UnitsOf(volume::BlockId /*id*/) const override { return {}; }
+  [[nodiscard]] math::Index3 UnitOf(volume::BlockId /*id*/) const override { return {0, 0, 0}; }
   [[nodiscard]] bool HasUnit(const math::Index3& /*unit*/) const override { return false; }
   [[nodiscard]] std::size_t max_units_ahead() const override { return max_ahead_; }
   [[nodiscard]] const std::string& name() const override { return name_; }
