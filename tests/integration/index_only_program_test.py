@@ -249,6 +249,7 @@ class IndexOnlyTest(unittest.TestCase):
                     check=False)
     self.assertEqual(done.returncode, 1)
     self.assertIn('may not read', done.stderr)
+    self.assertNotIn(self.path('data'), done.stderr)
 
   def test_vtk_files_of_steps(self):
     for step in range(2):

@@ -85,9 +85,9 @@ class VtiSource final : public VolumeSource, public BoxDecoding {
     return BoxGrid{.box_dims = {dims.x, std::min(std::max(rows, kRowBoxDims.y), dims.y),
                                 std::min(std::max(rows / dims.y + 1, kRowBoxDims.z), dims.z)}};
   }
-  // Each run of rows begins within a block, and ends within another one.
+  // A block, as it is and decoded, has the components' bytes of a box at most.
   [[nodiscard]] std::int64_t decoding_factor() const override {
-    return data_->block_bytes().value_or(0) == 0 ? 1 : 2 * components_;
+    return data_->block_bytes().value_or(0) == 0 ? 1 : components_;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
