@@ -108,6 +108,9 @@ Series OpenAsNetcdf(const FileRequest& request) {
   if (!is_netcdf) {
     return nullptr;
   }
+  if (io::IsAddressText(request.file)) {
+    return NeedsWholeFile(request.file, "a file of netCDF");  // whose library knows no other files
+  }
   auto series = OpenNetcdfSeries(request.file, request.part, request.rules);
   if (absl::IsInvalidArgument(series.status()) && request.part.empty()) {
     return nullptr;
@@ -146,6 +149,9 @@ Series OpenHdf5(const FileRequest& request) {
 
 // The dataset, or all meshes: the files of a pattern, and all that they link to.
 Files FilesOfHdf5(const FileRequest& request) {
+  if (io::IsAddressText(request.file)) {
+    return std::vector<std::string>{request.file};  // it leads to no other
+  }
   // With axes, any dataset with that number of axes may be the one.
   if (request.files.size() == 1 && request.axes.empty()) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<VolumeSeries> meshes,
@@ -475,6 +481,7 @@ const std::vector<Format>& Formats() {
        .axes_for = "datasets of HDF5 files",
        .opens_parts = true,
        .find = FindHdf5,
+       .reads_addresses = true,
        .open = OpenHdf5,
        .find_files = FilesOfHdf5},
       {.name = "VTI",

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/strings/string_view.h"
 
@@ -30,6 +31,12 @@ void MountFile(MountedFile file);
 // Returns the file of that name; not set: none is mounted there. Costs nothing while none is mounted.
 std::optional<MountedFile> FindMounted(const std::string& path);
 bool IsMounted(const std::string& path);
+
+// All that are mounted.
+std::vector<MountedFile> AllMounted();
+// In a forked child, whose threads are gone and may have held a lock: `files` take the place of all
+// that the parent mounted. Called once, by its only thread; MountFile is not called after it.
+void ReplaceMounts(std::vector<MountedFile> files);
 
 // Returns true for text that begins with a scheme, as "https://" does: no path of this machine.
 bool IsAddressText(absl::string_view path);

@@ -74,6 +74,18 @@ def write_zarr(path, samples):
           file.write(chunk)
 
 
+def write_hdf5(path, samples):
+  """A dataset in chunks. Returns false without h5py."""
+  try:
+    import h5py
+    import numpy
+  except ImportError:
+    return False
+  with h5py.File(path, 'w') as file:
+    file.create_dataset('d', data=numpy.frombuffer(samples, 'u1').reshape(DIMS[::-1]), chunks=(9, 16, 7), compression=4)
+  return True
+
+
 class AddressTest(unittest.TestCase):
 
   def setUp(self):
@@ -136,7 +148,8 @@ class AddressTest(unittest.TestCase):
 
   def test_a_faulty_server_gives_the_bytes_of_the_disk(self):
     raw = ['--dims', ','.join(map(str, DIMS)), '--type', 'uint8']
-    sources = [('v.nrrd', []), ('v.raw', raw), ('run.zarr:a', []), ('run.zarr/a', [])]
+    sources = [('v.h5:/d', [])] if write_hdf5(self.path('served/v.h5'), self.samples) else []
+    sources += [('v.nrrd', []), ('v.raw', raw), ('run.zarr:a', []), ('run.zarr/a', [])]
     faults = 0
     for number, (source, flags) in enumerate(sources):
       local = self.partition(f'local{number}', self.path('served', source), *flags)

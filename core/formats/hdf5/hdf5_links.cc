@@ -34,6 +34,7 @@
 #include "core/io/file.h"
 #include "core/source/child/walled_source.h"
 #include "core/source/hdf5/hdf5_external_links.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_file.h"
 #include "core/source/hdf5/hdf5_file_lookup.h"
 #include "core/source/hdf5/hdf5_handle.h"
@@ -112,7 +113,7 @@ class LinkWalk {
     if (!io::CheckIsRegularFile(path).ok()) {
       return {};  // the library would wait for the writer of a pipe
     }
-    Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+    Hdf5Handle file = OpenHdf5ToRead(path);
     const hid_t id = file.get();
     if (open_.size() >= kMaxOpenFiles) {
       return {.id = id, .own = std::move(file)};

@@ -35,6 +35,7 @@
 #include "core/formats/hdf5/hdf5_types.h"
 #include "core/source/child/walled_series.h"
 #include "core/source/grid/grid_faults.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_file.h"
 #include "core/source/series_parts.h"
 #include "hdf5.h"
@@ -150,7 +151,7 @@ absl::Status CheckSamples(const Hdf5MeshField& field, const AxisOrder& axes,
 
 // The constant that a volume is; not set if it is a dataset.
 std::optional<Hdf5Constant> FindConstantOf(const std::string& path, const Hdf5MeshVolume& volume) {
-  const Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  const Hdf5Handle file = OpenHdf5ToRead(path);
   const Hdf5Handle object(H5Oopen(file.get(), volume.dataset.c_str(), H5P_DEFAULT), H5Oclose);
   return FindHdf5Constant(object.get());
 }

@@ -24,6 +24,8 @@
 
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_file_lookup.h"
 #include "core/source/hdf5/hdf5_handle.h"
 
@@ -66,6 +68,15 @@ class FileFinder {
   std::vector<std::string> TakeFiles() { return std::move(files_); }
 
  private:
+  // What an address sends names no file of this machine.
+  [[nodiscard]] absl::Status OtherFilesOfAddress(const std::string& owner) const {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name_,
+                     ": its samples are in other files, which can't be read at an address; bring "
+                     "them all to a folder, each with: isoscope copy ADDRESS DIR; it is of ",
+                     owner));
+  }
+
   void Add(const std::string& file) {
     if (std::find(files_.begin(), files_.end(), file) == files_.end()) {
       files_.push_back(file);
@@ -76,6 +87,9 @@ class FileFinder {
     const int count = H5Pget_external_count(properties);
     if (count <= 0) {
       return absl::OkStatus();
+    }
+    if (io::IsMounted(owner)) {
+      return OtherFilesOfAddress(owner);
     }
     const Hdf5Handle space(H5Dget_space(dataset), H5Sclose);
     const Hdf5Handle type(H5Dget_type(dataset), H5Tclose);
@@ -144,6 +158,9 @@ class FileFinder {
   // Sets `is_there` if the source exists, even if there is another error.
   absl::Status VisitSource(const std::string& file_name, const std::string& dataset_name,
                            const std::string& owner, bool* is_there) {
+    if (file_name != "." && io::IsMounted(owner)) {
+      return OtherFilesOfAddress(owner);
+    }
     const std::vector<std::string> paths =
         file_name == "." ? std::vector<std::string>{owner}
                          : Hdf5PathsOf(Hdf5OtherFile::kOfVirtualDataset, file_name, owner);
@@ -154,7 +171,7 @@ class FileFinder {
                                               absl::StrJoin(paths, ", ")));
     }
     ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(*path));  // HDF5 would wait for a writer
-    const Hdf5Handle file(H5Fopen(path->c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+    const Hdf5Handle file = OpenHdf5ToRead(*path);
     if (!file.is_valid()) {
       return absl::DataLossError(absl::StrCat(name_, ": part of its samples lies in '", *path,
                                               "', which can't be opened: ", LastHdf5Error()));

@@ -27,6 +27,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <memory>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -41,11 +44,13 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
+#include "core/io/mounted_file.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr int kChildSocket = 3;  // behind the standard descriptors
+constexpr int kFarSocket = 4;    // of FarFiles, if there are some
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr bool kHasSanitizer = true;
@@ -102,7 +107,8 @@ void Limit(const DecoderProcess::Limits& limits, std::int64_t bytes_at_start) {
 }
 
 // Detaches the child from the parent: from its signals, its descriptors and its terminal.
-void BecomeChild(int socket) {
+// Sockets that are not there are below 0.
+void BecomeChild(int socket, int far_socket) {
   for (int number = 1; number < NSIG; ++number) {
     std::signal(number, SIG_DFL);
   }
@@ -110,17 +116,20 @@ void BecomeChild(int socket) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGQUIT}) {
     std::signal(number, SIG_IGN);
   }
-  if (dup2(socket, kChildSocket) < 0) {
+  // Out of each other's way first.
+  const int far_copy = far_socket < 0 ? -1 : fcntl(far_socket, F_DUPFD, kFarSocket + 1);
+  if ((far_socket >= 0 && far_copy < 0) || dup2(socket, kChildSocket) < 0 ||
+      (far_copy >= 0 && dup2(far_copy, kFarSocket) < 0)) {
     _exit(1);
   }
-  closefrom(kChildSocket + 1);
+  closefrom(far_copy >= 0 ? kFarSocket + 1 : kChildSocket + 1);
   const int nowhere = open("/dev/null", O_RDWR);
   for (const int standard : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (nowhere < 0 || dup2(nowhere, standard) < 0) {
       _exit(1);  // rather than write fields of a patient somewhere
     }
   }
-  if (nowhere > kChildSocket) {
+  if (nowhere > kFarSocket || (nowhere == kFarSocket && far_copy < 0)) {
     close(nowhere);
   }
   SetLimit(RLIMIT_CORE, 0);
@@ -131,8 +140,12 @@ void BecomeChild(int socket) {
 }
 
 // An exception in here ends the child, and never leaves it.
-[[noreturn]] void RunChild(int socket, const DecoderProcess::Job& job, char* shared) noexcept {
-  BecomeChild(socket);
+[[noreturn]] void RunChild(int socket, const DecoderProcess::Job& job, char* shared,
+                           const FarFiles* far_files) noexcept {
+  BecomeChild(socket, far_files == nullptr ? -1 : far_files->child_socket());
+  if (far_files != nullptr) {
+    far_files->MountInChild(kFarSocket);
+  }
   const std::int64_t bytes_at_start = AddressSpaceBytes();
   std::vector<char> packet(sizeof(DecoderProcess::Limits) + job.request_bytes);
   std::vector<char> answer(job.answer_bytes);
@@ -237,13 +250,17 @@ absl::Status DecoderProcess::Start() {
     }
     shared_ = static_cast<char*>(memory);
   }
+  std::unique_ptr<FarFiles> far_files;
+  if (std::vector<io::MountedFile> mounted = io::AllMounted(); !mounted.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(far_files, FarFiles::Make(std::move(mounted)));
+  }
   std::array<int, 2> ends{};
   if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0) {
     return NoProcess("no socket");
   }
   const pid_t pid = ForkQuietly();
   if (pid == 0) {
-    RunChild(ends[1], job_, shared_);
+    RunChild(ends[1], job_, shared_, far_files.get());
   }
   absl::Status status = pid < 0 ? NoProcess("no fork") : absl::OkStatus();
   close(ends[1]);
@@ -253,6 +270,10 @@ absl::Status DecoderProcess::Start() {
   }
   pid_ = pid;
   socket_ = ends[0];
+  if (far_files != nullptr) {
+    far_files->Serve();
+  }
+  far_files_ = std::move(far_files);
   return absl::OkStatus();
 }
 
@@ -273,6 +294,7 @@ int DecoderProcess::Stop() {
   }
   pid_ = -1;
   socket_ = -1;
+  far_files_ = nullptr;
   return status;
 }
 

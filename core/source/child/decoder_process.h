@@ -5,12 +5,15 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <type_traits>
 #include <vector>
 
 #include "absl/status/status.h"
 #include <sys/types.h>
+
+#include "core/source/child/far_files.h"
 
 namespace isoscope::source {
 
@@ -22,7 +25,8 @@ namespace isoscope::source {
 //   DecoderProcess process({&DecodeInChild, sizeof(Request), sizeof(Answer), slice_bytes});
 //   absl::Status status = process.Ask(request, {.cpu_seconds = 60}, &answer);
 //
-// The child keeps no other descriptors of the parent, writes no core file, and ignores the signals
+// The child reads mounted files (core/io/mounted_file.h) through the parent (far_files.h), those of the
+// time of Start. It keeps no other descriptors of the parent, writes no core file, and ignores the signals
 // that a terminal sends. Its standard input, output and error are /dev/null. It takes no lock of
 // the parent. It ends when this process ends, for any reason, as soon as its request is done.
 // Thread-compatible; other threads may run, if none of them holds a lock that the handler takes.
@@ -91,7 +95,8 @@ class DecoderProcess {
   pid_t pid_ = -1;
   int socket_ = -1;
   char* shared_ = nullptr;
-  std::vector<char> packet_;  // the limits and the request
+  std::unique_ptr<FarFiles> far_files_;  // of the child; null: none is mounted
+  std::vector<char> packet_;             // the limits and the request
 };
 
 }  // namespace isoscope::source

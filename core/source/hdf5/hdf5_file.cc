@@ -10,6 +10,7 @@
 #include "core/io/file.h"
 #include "core/source/bytes/file_content.h"
 #include "core/source/hdf5/hdf5_external_links.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_filters.h"
 #include "hdf5.h"
 
@@ -59,7 +60,7 @@ absl::StatusOr<Hdf5Handle> OpenHdf5File(const std::string& path) {
   }
   ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));  // HDF5 would wait for a writer
   PrepareHdf5();
-  Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  Hdf5Handle file = OpenHdf5ToRead(path);
   if (!file.is_valid()) {
     return Hdf5OpenError(path, LastHdf5Error());
   }

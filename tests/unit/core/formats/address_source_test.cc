@@ -21,6 +21,7 @@
 #include "core/source/bytes/raw_file.h"
 #include "core/source/source_stamps.h"
 #include "tests/support/folder_test.h"
+#include "tests/support/hdf5_file.h"
 #include "tests/support/scripted_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/volume_files.h"
@@ -166,6 +167,46 @@ TEST_F(AddressSourceTest, PagesOfTiffAreThoseOfTheFile) {
   }
   dir_.Write("cut.tif", testing::ReadFile(dir_.Sub("a.tif")).substr(0, 5000));
   EXPECT_FALSE(StatusOfOpen(At("cut.tif")).ok());
+}
+
+// The library runs in a child process, which has no network.
+TEST_F(AddressSourceTest, DatasetsOfHdf5AreThoseOfTheFile) {
+  const std::string path = dir_.Sub("a.h5");
+  const hid_t file = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  testing::WriteHdf5Dataset(file, "whole", {23, 29, 37}, H5T_STD_U16LE, samples_.data());
+  testing::WriteHdf5Dataset(file, "chunked", {23, 29, 37}, H5T_STD_U16LE, samples_.data(),
+                            {8, 8, 8});
+  // Names of files of this machine.
+  const hid_t properties = H5Pcreate(H5P_DATASET_CREATE);
+  dir_.Write("local.raw", samples_);
+  H5Pset_external(properties, dir_.Sub("local.raw").c_str(), 0, samples_.size());
+  const hsize_t dims[3] = {23, 29, 37};
+  const hid_t space = H5Screate_simple(3, dims, nullptr);
+  H5Dclose(
+      H5Dcreate2(file, "external", H5T_STD_U16LE, space, H5P_DEFAULT, properties, H5P_DEFAULT));
+  H5Sclose(space);
+  H5Pclose(properties);
+  const std::string other = dir_.Sub("other.h5");
+  const hid_t other_file = H5Fcreate(other.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  testing::WriteHdf5Dataset(other_file, "d", {23, 29, 37}, H5T_STD_U16LE, samples_.data());
+  H5Fclose(other_file);
+  H5Lcreate_external(other.c_str(), "/d", file, "linked", H5P_DEFAULT, H5P_DEFAULT);
+  H5Fclose(file);
+  dir_.Write("plain_name", testing::ReadFile(path));
+  for (const char* const part : {"a.h5:/whole", "a.h5:/chunked", "plain_name:/whole"}) {
+    ExpectEqual(part);
+  }
+  for (const char* const part : {":/external", ":/linked"}) {
+    EXPECT_THAT(StatusOfOpen(path + part), IsOk()) << part;
+    EXPECT_FALSE(StatusOfOpen(At("a.h5") + part).ok()) << part;
+  }
+  EXPECT_THAT(StatusOfOpen(At("a.h5:/external")), StatusIs(kInvalid, HasSubstr("in other files")));
+  const auto files = FilesOf({.path = At("a.h5:/whole")});
+  ASSERT_THAT(files.status(), IsOk());
+  EXPECT_THAT(*files, ::testing::ElementsAre(At("a.h5")));
+  // A server that fails in the middle is an error of its own.
+  dir_.Write("cut.h5", testing::ReadFile(path).substr(0, 4000));
+  EXPECT_FALSE(StatusOfOpen(At("cut.h5:/whole")).ok());
 }
 
 TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {
