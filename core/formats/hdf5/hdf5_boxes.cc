@@ -28,6 +28,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -442,7 +443,9 @@ absl::StatusOr<BoxReaders> OpenReaders(const SourceInfo& info, const WalledDatas
     if (texts.empty() && table.dims.empty()) {
       break;
     }
-    if (!AddHdf5Chunks(texts, &table, &is_complete)) {
+    // What an address sends leads to no file of this machine.
+    if (!AddHdf5Chunks(texts, &table, &is_complete) ||
+        (io::IsAddressText(dataset.path) && !absl::StartsWith(dataset.path, table.file))) {
       return NoSense(info);
     }
   }
