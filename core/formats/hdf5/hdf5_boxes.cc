@@ -22,6 +22,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <utility>
@@ -34,7 +35,6 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
-#include "oneapi/tbb/parallel_for.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/check.h"
@@ -137,17 +137,33 @@ class TableStore final : public ObjectStore {
  public:
   TableStore(std::unique_ptr<io::RandomAccessFile> file,
              std::shared_ptr<const Hdf5ChunkTable> table)
-      : file_(std::move(file)), table_(std::move(table)), is_far_(io::IsMounted(file_->path())) {}
+      : file_(std::move(file)), table_(std::move(table)) {
+    const auto mounted = io::FindMounted(file_->path());
+    read_pieces_ = mounted.has_value() ? mounted->read_pieces : nullptr;
+  }
 
   [[nodiscard]] std::vector<absl::StatusOr<std::string>> Read(
       absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation) const override {
-    std::vector<absl::StatusOr<std::string>> answers(reads.size(), std::string());
-    if (is_far_ && reads.size() > 1) {
-      tbb::parallel_for(std::size_t{0}, reads.size(),
-                        [&](std::size_t i) { answers[i] = ReadOne(reads[i], cancellation); });
-    } else {
-      for (std::size_t i = 0; i < reads.size(); ++i) {
-        answers[i] = ReadOne(reads[i], cancellation);
+    std::vector<absl::StatusOr<std::string>> answers;
+    std::vector<io::FilePiece> pieces;
+    for (const ObjectRead& read : reads) {
+      const absl::StatusOr<Hdf5TableChunk> chunk = ChunkOf(read);
+      answers.push_back(chunk.ok() ? absl::StatusOr<std::string>(std::string(chunk->size, '\0'))
+                                   : chunk.status());
+      if (chunk.ok()) {
+        pieces.push_back({.range = {.offset = chunk->offset, .size = chunk->size}});
+      }
+    }
+    auto piece = pieces.begin();
+    for (absl::StatusOr<std::string>& answer : answers) {
+      if (answer.ok()) {
+        piece++->out = answer->data();
+      }
+    }
+    const absl::Status status = ReadPieces(pieces, cancellation);
+    for (absl::StatusOr<std::string>& answer : answers) {
+      if (!status.ok() && answer.ok()) {
+        answer = status;
       }
     }
     return answers;
@@ -159,9 +175,7 @@ class TableStore final : public ObjectStore {
   [[nodiscard]] const std::string& name() const override { return file_->path(); }
 
  private:
-  [[nodiscard]] absl::StatusOr<std::string> ReadOne(const ObjectRead& read,
-                                                    const base::Cancellation& cancellation) const {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  [[nodiscard]] absl::StatusOr<Hdf5TableChunk> ChunkOf(const ObjectRead& read) const {
     absl::string_view number = read.key;
     std::size_t i = 0;
     ISOSCOPE_CHECK(absl::ConsumePrefix(&number, kChunkKey) && absl::SimpleAtoi(number, &i) &&
@@ -173,14 +187,28 @@ class TableStore final : public ObjectStore {
     if (static_cast<std::int64_t>(chunk.size) > read.max_size) {
       return absl::ResourceExhaustedError(absl::StrCat("has ", chunk.size, " bytes"));
     }
-    std::string bytes(chunk.size, '\0');
-    ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(chunk.offset, bytes.size(), bytes.data()));
-    return bytes;
+    return chunk;
+  }
+
+  // At an address all at once.
+  [[nodiscard]] absl::Status ReadPieces(const std::vector<io::FilePiece>& pieces,
+                                        const base::Cancellation& cancellation) const {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    if (read_pieces_ != nullptr && !pieces.empty()) {
+      return read_pieces_(pieces, cancellation);
+    }
+    for (const io::FilePiece& piece : pieces) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+      ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(piece.range.offset, piece.range.size, piece.out));
+    }
+    return absl::OkStatus();
   }
 
   const std::unique_ptr<io::RandomAccessFile> file_;
   const std::shared_ptr<const Hdf5ChunkTable> table_;
-  const bool is_far_;  // at an address
+  // Null: pieces are read one after the other.
+  std::function<absl::Status(absl::Span<const io::FilePiece>, const base::Cancellation&)>
+      read_pieces_;
 };
 
 std::uint32_t MaskOf(const Hdf5ChunkTable& table) {
