@@ -51,7 +51,8 @@ void AgentContext::Serve(Shards plain, SeriesShards series) {
                      shard->reader->shard_index(), shard->reader->source_name());
   }
   for (const std::shared_ptr<SeriesShard>& shard : series) {
-    damages.AddShard(shard->directory(), shard->served()->manifest.name, shard->shard_index());
+    damages.AddShard(shard->directory(), shard->served()->manifest.name, shard->shard_index(),
+                     shard->source());
     shard->WhenOpened([this](const std::string& directory) { damages.Forget(directory); });
   }
   if (!series.empty()) {

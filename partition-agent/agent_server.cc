@@ -183,7 +183,11 @@ absl::StatusOr<OpenedShards> OpenShards(const AgentServerOptions& options,
     }
     if (store::IsSeriesDirectory(directory)) {
       ISOSCOPE_ASSIGN_OR_RETURN(opened.series.emplace_back(),
-                                SeriesShard::Open(directory, options.memory->TakeOpenVolumes()));
+                                SeriesShard::Open(directory, options.memory->TakeOpenVolumes(),
+                                                  store::OpenSeriesShard, options.open_samples));
+      if (opened.series.back()->is_index_only()) {
+        options.memory->NoteSource();
+      }
     } else {
       ISOSCOPE_ASSIGN_OR_RETURN(opened.plain.emplace_back(),
                                 OpenShardWithLevels(directory, open_file, options.open_samples));

@@ -29,6 +29,25 @@ std::string PathAt(absl::string_view message, std::size_t begin, std::size_t fol
   return std::string(message.substr(begin, end - begin));
 }
 
+// Returns the message with the last names of its absolute paths in place of these. A source may lie
+// elsewhere than the manifest says (--allow-source RECORDED=ACTUAL).
+std::string WithoutFolders(absl::string_view message) {
+  constexpr absl::string_view kBefore = " (\"'=";
+  constexpr absl::string_view kBehind = " :,;=)\"'";
+  std::string told;
+  while (!message.empty()) {
+    if (message[0] == '/' && (told.empty() || absl::StrContains(kBefore, told.back()))) {
+      const absl::string_view path = message.substr(0, message.find_first_of(kBehind));
+      absl::StrAppend(&told, path.substr(path.rfind('/') + 1));
+      message.remove_prefix(path.size());
+    } else {
+      told += message[0];
+      message.remove_prefix(1);
+    }
+  }
+  return told;
+}
+
 }  // namespace
 
 void ShardDamages::AddShard(const std::string& directory, std::string dataset, int shard_index,
@@ -64,7 +83,7 @@ absl::Status ShardDamages::ForCaller(absl::Status status) {
       told =
           absl::StrReplaceAll(status.message(), {{folder, ""}, {directory, "the shard's folder"}});
       if (entry.source_folder.size() > 1) {
-        told = absl::StrReplaceAll(told, {{entry.source_folder, ""}});
+        told = WithoutFolders(absl::StrReplaceAll(told, {{entry.source_folder, ""}}));
       }
       if (!SaysNothingOfTheFile(status) && entry.messages.size() < kMaxFiles) {
         std::string& message = entry.messages[path];

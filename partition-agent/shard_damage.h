@@ -30,7 +30,8 @@ class ShardDamages {
   explicit ShardDamages(bool hides_paths) : hides_paths_(hides_paths) {}
 
   // Adds the folder of a shard that is served: an absolute path without a slash at its end.
-  // source: the path of an index-only shard's samples, whose folder is not told either; or ""
+  // source: the path of an index-only shard's samples, whose folder is not told either, nor those of
+  //         other paths of this machine; or ""
   void AddShard(const std::string& directory, std::string dataset, int shard_index,
                 const std::string& source = "") ABSL_LOCKS_EXCLUDED(mutex_);
 

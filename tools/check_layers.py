@@ -113,6 +113,7 @@ CLI11_FILE = "core/cli/flag_set.cc"
 UNTESTED_HEADERS = {
     "core/source/volume_source.h": "the contract, by every reader's test",
     "core/source/chunks/chunked_array.h": "the contract, by stored_array_test",
+    "core/source/box_decoding.h": "inside of magnitude_source_test and sample_opener_test",
     "core/source/volume_series.h": "the contract, by every reader's test",
     "core/source/series_entry.h": "plain data",
     "core/source/series_parts.h": "inside of find_volume_test and located_series_test",
@@ -130,6 +131,7 @@ UNTESTED_HEADERS = {
     "core/source/bytes/slice_image.h": "inside of image_slices_test",
     "core/source/hdf5/hdf5_file_lookup.h": "inside of hdf5_links_test and hdf5_storage_test",
     "core/store/sample_reader.h": "the contract: sample_opener_test",
+    "core/store/source_volume.h": "inside of source_request_test and sample_opener_test",
     "core/store/shard_joiner.h": "inside of part_joiner_test and tests/integration/parts_test.py",
     "core/partition/part_writer.h": "inside of part_joiner_test",
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",

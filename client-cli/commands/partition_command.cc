@@ -46,7 +46,6 @@
 #include "core/partition/part_writer.h"
 #include "core/partition/partitioner.h"
 #include "core/partition/series_partitioner.h"
-#include "core/source/series_parts.h"
 #include "core/source/volume_series.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
@@ -118,7 +117,7 @@ constexpr char kCompactHelp[] =
 constexpr char kIndexOnlyHelp[] =
     "leave the samples in INPUT, which must stay where it is and as it is: tables and levels take "
     "a "
-    "quarter of the disk, first frames longer; for Zarr, and files without compression";
+    "quarter of the disk, first frames longer; for Zarr, VTI, and files without compression";
 
 absl::Status GreedySeriesError() {
   return UsageError(
@@ -210,22 +209,20 @@ absl::Status CheckLevelUsage(const PartitionFlags& flags) {
 absl::Status CheckIndexOnlyUsage(const PartitionFlags& flags) {
   const char* const given = flags.append        ? "--append"
                             : flags.resumes     ? "--resume"
-                            : flags.part        ? "--part"
                             : flags.finish      ? "--finish"
                             : flags.add_levels  ? "--add-levels"
                             : flags.drop_levels ? "--drop-levels"
                             : flags.compression ? "--compression"
                             : flags.is_compact  ? "--compact"
-                            : flags.series.time ? "--time"
                             : flags.distribution == store::Distribution::kGreedy
                                 ? "--distribution greedy"
                                 : nullptr;
   return given == nullptr ? absl::OkStatus()
                           : UsageError(absl::StrCat(
                                 given,
-                                " can't be used with --index-only, which makes a new dataset "
-                                "of one volume, deals out the chunks of INPUT at random and "
-                                "stores no blocks of it"));
+                                " can't be used with --index-only, which makes a new dataset, "
+                                "deals out the chunks of INPUT at random and stores no blocks of "
+                                "it"));
 }
 
 absl::Status CheckUsage(const PartitionFlags& flags) {
@@ -432,19 +429,12 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   if (!flags.append) {
     ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
   }
-  if (flags.part) {
-    return CutPart(flags, request, *source, options, context);
-  }
   if (flags.is_index_only) {
-    if (partition::NeedsSeries(*source)) {
-      return UsageError(absl::StrCat(
-          *flags.input, ": holds ", source::DescribeFields(source->info().fields), " at ",
-          source->info().step_count(),
-          " steps, or tells a time; --index-only takes one volume without a time: name one with "
-          "--field, or leave --index-only out"));
-    }
     ISOSCOPE_ASSIGN_OR_RETURN(options.in_source.emplace().request,
                               indexed::EncodeSourceRequest(request));
+  }
+  if (flags.part) {
+    return CutPart(flags, request, *source, options, context);
   }
   if (!flags.append && !partition::NeedsSeries(*source)) {
     ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,

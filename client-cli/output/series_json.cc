@@ -31,6 +31,7 @@
 #include "core/cli/table.h"
 #include "core/io/file.h"
 #include "core/store/manifest.h"
+#include "core/store/source_volume.h"
 #include "core/volume/block_layout.h"
 #include "wire/series_convert.h"
 
@@ -155,6 +156,23 @@ std::string DescribeTimes(const Json& series) {
   return absl::StrCat(absl::StrJoin(times, ", "), unit.empty() ? "" : " ", unit);
 }
 
+// Adds "in_source" if the samples of the first volume, and so of all, are there.
+void AddSource(const store::SeriesDescription& description, Json* json) {
+  for (const std::string& directory : description.shard_directories) {
+    if (directory.empty() || description.manifest.volumes.empty()) {
+      continue;
+    }
+    const auto samples =
+        store::SamplesOfVolume(directory, description.manifest.volumes.front().key);
+    if (samples.ok() && samples->has_value()) {
+      const math::Index3& unit = (*samples)->unit_dims;
+      (*json)["in_source"] = {{"path", (*samples)->request.at("path")},
+                              {"unit_dims", {unit.x, unit.y, unit.z}}};
+    }
+    return;
+  }
+}
+
 }  // namespace
 
 std::string DescribeSteps(const Json& series) {
@@ -269,6 +287,7 @@ Json SeriesDirectoryToJson(const store::SeriesDescription& description) {
   json["distribution"] = std::string(store::NameOf(store::Distribution::kRandom));
   json["seed"] = series.seed;
   json["shards"] = std::move(shards);
+  AddSource(description, &json);
   if (series.highest_level() > 0) {
     json["levels"] = LevelsToJson(series);
   }

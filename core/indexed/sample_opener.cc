@@ -4,7 +4,8 @@
 //   2. The recorded path is moved (RECORDED=ACTUAL), its links are resolved, and it must lie below
 //      what is allowed.
 //   3. FilesOf: the headers name further files. All of them must be allowed, too.
-//   4. Open: one volume, with random access, of the dimensions and the type of the manifest.
+//   4. Open: one volume, with random access, of the dimensions and the type of the manifest. Volumes
+//      of a series come from one source, which is kept open for the next one.
 //
 // A block is copied from the units that its stored samples meet:
 //
@@ -20,8 +21,11 @@
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
+#include <list>
 #include <map>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -37,10 +41,13 @@
 #include "core/indexed/source_request.h"
 #include "core/indexed/unit_cache.h"
 #include "core/math/box.h"
+#include "core/source/adapt/magnitude_source.h"
+#include "core/source/box_decoding.h"
 #include "core/source/series_parts.h"
 #include "core/source/source_stamps.h"
 #include "core/source/volume_source.h"
 #include "core/store/manifest.h"
+#include "core/store/source_volume.h"
 
 namespace isoscope::indexed {
 namespace {
@@ -55,13 +62,40 @@ bool IsBelow(absl::string_view path, absl::string_view prefix) {
 // More than any bound of memory.
 constexpr std::int64_t kMostBytes = std::int64_t{1} << 60;
 
+// INVALID_ARGUMENT: the series has no such volume.
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(source::VolumeSeries& series,
+                                                               const SourceVolume& wanted) {
+  const source::SeriesInfo& info = series.info();
+  const auto field =
+      std::find_if(info.fields.begin(), info.fields.end(),
+                   [&](const source::SourceField& f) { return f.name == wanted.field; });
+  if (field == info.fields.end()) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: has no field \"%s\" any more; it has %s",
+                                                      info.name, wanted.field,
+                                                      source::DescribeFields(info.fields)));
+  }
+  const auto components = static_cast<int>(field->components.size());
+  const int count = components + (components > 1 ? 1 : 0);  // and the magnitude
+  if (wanted.component >= count || wanted.step >= info.step_count()) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: has %d components of field \"%s\" at %d steps, expected component %d at step %d",
+        info.name, components, wanted.field, info.step_count(), wanted.component, wanted.step));
+  }
+  return source::OpenComponent(series, static_cast<int>(field - info.fields.begin()),
+                               wanted.component, wanted.step);
+}
+
 struct OpenSource {
   std::string name;
   std::int64_t number = 0;
   bool is_local = true;
-  std::int64_t stride = 1;
+  // Bytes that are decoded, over those of the samples that are read.
+  double decoding_factor = 1;
   std::unique_ptr<source::VolumeSource> volume;
 };
+
+// Sources of series that are kept open, though none of their volumes is.
+constexpr std::size_t kKeptSeries = 4;
 
 // What the readers of one opener share.
 class Sources {
@@ -75,6 +109,15 @@ class Sources {
  private:
   absl::StatusOr<std::shared_ptr<const OpenSource>> OpenNow(const store::Manifest& manifest)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The only volume of a source.
+  [[nodiscard]] absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenOnly(
+      const source::OpenRequest& request, absl::string_view where) const;
+  // A volume of a series. members: of the request
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenOneOf(
+      const source::OpenRequest& request, std::map<std::string, std::string> members,
+      const SourceVolume& wanted, absl::string_view where) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<source::VolumeSeries>> OpenSeries(
+      const source::OpenRequest& request, absl::string_view where) const;
   [[nodiscard]] std::string PathOf(const std::string& recorded) const;
   [[nodiscard]] absl::Status CheckAllowed(const std::string& path, absl::string_view where) const;
 
@@ -82,6 +125,9 @@ class Sources {
   UnitCache units_;
   base::Mutex mutex_;  // held while a source is opened: each is opened once
   std::map<std::string, std::weak_ptr<const OpenSource>> open_ ABSL_GUARDED_BY(mutex_);
+  // By the members of the request, the last used first.
+  std::list<std::pair<std::map<std::string, std::string>, std::shared_ptr<source::VolumeSeries>>>
+      series_ ABSL_GUARDED_BY(mutex_);
   std::int64_t next_number_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
@@ -91,10 +137,14 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Man
     absl::StrAppend(&key, name, "\n", text.size(), "\n", text);
   }
   const base::MutexLock lock(&mutex_);
-  if (std::shared_ptr<const OpenSource> source = open_[key].lock(); source != nullptr) {
-    return source;
+  if (const auto found = open_.find(key); found != open_.end()) {
+    if (std::shared_ptr<const OpenSource> source = found->second.lock(); source != nullptr) {
+      return source;
+    }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const OpenSource> source, OpenNow(manifest));
+  // A series has many volumes, of which few are open.
+  std::erase_if(open_, [](const auto& entry) { return entry.second.expired(); });
   open_[key] = source;
   return source;
 }
@@ -157,24 +207,14 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
                      where, ": the source has changed: ", status.message(), "; partition it anew"))
                : absl::Status(status.code(), absl::StrCat(where, ": ", status.message()));
   };
-  const absl::StatusOr<std::vector<std::string>> files = source::FilesOf(request);
-  if (!files.ok()) {
-    return explain(files.status());
-  }
-  for (const std::string& file : *files) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(file, where));
-  }
-  const absl::StatusOr<std::unique_ptr<source::VolumeSeries>> series = source::Open(request);
-  if (!series.ok()) {
-    return explain(series.status());
-  }
-  if (!source::IsOneVolume((*series)->info())) {
-    return explain(absl::InvalidArgumentError(
-        absl::StrCat(request.path, ": has several fields or steps, expected one")));
-  }
-  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = (*series)->Open(0, 0, 0);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<SourceVolume> wanted,
+                            DecodeSourceVolume(manifest.in_source->request, where));
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume =
+      wanted.has_value() ? OpenOneOf(request, manifest.in_source->request, *wanted, where)
+                         : OpenOnly(request, where);
   if (!volume.ok()) {
-    return explain(volume.status());
+    const bool is_ours = absl::StartsWith(volume.status().message(), where);  // CheckAllowed
+    return is_ours ? volume.status() : explain(volume.status());
   }
   const source::SourceInfo& info = (*volume)->info();
   const math::Index3& dims = info.geometry.sample_dims;
@@ -186,11 +226,60 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
         request.path, dims.x, dims.y, dims.z, volume::NameOf(info.type), expected.x, expected.y,
         expected.z, volume::NameOf(manifest.scalar_type))));
   }
+  // With the samples that a stride skips.
+  const auto stride = static_cast<double>(request.stride);
+  const double factor =
+      static_cast<double>(source::DecodingFactorOf(**volume)) * stride * stride * stride;
   return std::make_shared<const OpenSource>(OpenSource{.name = request.path,
                                                        .number = next_number_++,
                                                        .is_local = !IsAddress(request.path),
-                                                       .stride = request.stride,
+                                                       .decoding_factor = factor,
                                                        .volume = *std::move(volume)});
+}
+
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOnly(
+    const source::OpenRequest& request, absl::string_view where) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<source::VolumeSeries> series,
+                            OpenSeries(request, where));
+  return source::IsOneVolume(series->info())
+             ? series->Open(0, 0, 0)
+             : absl::InvalidArgumentError(
+                   absl::StrCat(request.path, ": has several fields or steps, expected one"));
+}
+
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOneOf(
+    const source::OpenRequest& request, std::map<std::string, std::string> members,
+    const SourceVolume& wanted, absl::string_view where) {
+  for (const char* const member :
+       {store::kFieldMember, store::kComponentMember, store::kStepMember}) {
+    members.erase(member);
+  }
+  auto kept = std::find_if(series_.begin(), series_.end(),
+                           [&](const auto& entry) { return entry.first == members; });
+  if (kept == series_.end()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<source::VolumeSeries> opened,
+                              OpenSeries(request, where));
+    kept = series_.emplace(series_.end(), std::move(members), std::move(opened));
+  }
+  series_.splice(series_.begin(), series_, kept);
+  if (series_.size() > kKeptSeries) {
+    series_.pop_back();
+  }
+  source::VolumeSeries& series = *kept->second;
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = OpenFrom(series, wanted);
+  if (!volume.ok()) {
+    series_.erase(kept);  // it may be another one by now
+  }
+  return volume;
+}
+
+absl::StatusOr<std::shared_ptr<source::VolumeSeries>> Sources::OpenSeries(
+    const source::OpenRequest& request, absl::string_view where) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files, source::FilesOf(request));
+  for (const std::string& file : files) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(file, where));
+  }
+  return source::Open(request);
 }
 
 class UnitReader final : public store::SampleReader {
@@ -203,7 +292,7 @@ class UnitReader final : public store::SampleReader {
         type_(source_->volume->info().type),
         origin_(samples.unit_origin),
         unit_dims_(samples.unit_dims),
-        stride_(source_->stride) {
+        decoding_factor_(source_->decoding_factor) {
     for (int axis = 0; axis < 3; ++axis) {
       counts_[axis] = (layout_.sample_dims()[axis] - origin_[axis] - 1) / unit_dims_[axis] + 1;
     }
@@ -248,9 +337,7 @@ class UnitReader final : public store::SampleReader {
     const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(type_));
     const std::int64_t number = unit.x + counts_.x * (unit.y + counts_.y * unit.z);
     const auto size = static_cast<std::size_t>(math::Volume(box.dims()) * sample_bytes);
-    const auto stride = static_cast<double>(stride_);
-    // With the samples that a stride skips.
-    const double decoded = static_cast<double>(size) * stride * stride * stride;
+    const double decoded = static_cast<double>(size) * decoding_factor_;
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::shared_ptr<const std::string> samples,
         sources_->units().Get(
@@ -284,7 +371,7 @@ class UnitReader final : public store::SampleReader {
   const volume::ScalarType type_;
   const math::Index3 origin_;
   const math::Index3 unit_dims_;
-  const std::int64_t stride_;
+  const double decoding_factor_;
   math::Index3 counts_;  // of units
 };
 

@@ -9,6 +9,11 @@
 //   fill           -999                                17 digits: any double comes back
 //   fields         one a line
 //   steps          0:10:1
+//
+// The partitioner of a series adds which of its volumes it is:
+//
+//   volume_field   density
+//   volume_component, volume_step                      2
 
 #include "core/indexed/source_request.h"
 
@@ -28,6 +33,7 @@
 #include "core/base/status_macros.h"
 #include "core/io/mounted_file.h"
 #include "core/source/source_stamps.h"
+#include "core/store/source_volume.h"
 
 namespace isoscope::indexed {
 namespace {
@@ -185,6 +191,10 @@ absl::StatusOr<source::OpenRequest> DecodeSourceRequest(
     const std::map<std::string, std::string>& members, absl::string_view where) {
   source::OpenRequest request;
   for (const auto& [name, text] : members) {
+    if (name == store::kFieldMember || name == store::kComponentMember ||
+        name == store::kStepMember) {
+      continue;
+    }
     const std::optional<bool> is_good = ParseMember(name, text, &request);
     if (!is_good.has_value()) {
       return absl::FailedPreconditionError(
@@ -198,6 +208,28 @@ absl::StatusOr<source::OpenRequest> DecodeSourceRequest(
     }
   }
   return request;
+}
+
+absl::StatusOr<std::optional<SourceVolume>> DecodeSourceVolume(
+    const std::map<std::string, std::string>& members, absl::string_view where) {
+  const auto field = members.find(store::kFieldMember);
+  const auto component = members.find(store::kComponentMember);
+  const auto step = members.find(store::kStepMember);
+  const auto count = members.count(store::kFieldMember) + members.count(store::kComponentMember) +
+                     members.count(store::kStepMember);
+  if (count == 0) {
+    return std::nullopt;
+  }
+  SourceVolume volume;
+  if (count != 3 || !absl::SimpleAtoi(component->second, &volume.component) ||
+      volume.component < 0 || !absl::SimpleAtoi(step->second, &volume.step) || volume.step < 0) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: expected %s, %s and %s, a name and two numbers, of the volume in its source: the "
+        "manifest is damaged",
+        where, store::kFieldMember, store::kComponentMember, store::kStepMember));
+  }
+  volume.field = field->second;
+  return volume;
 }
 
 }  // namespace isoscope::indexed

@@ -5,6 +5,7 @@
 #define ISOSCOPE_CORE_INDEXED_SOURCE_REQUEST_H_
 
 #include <map>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -23,9 +24,23 @@ bool IsAddress(absl::string_view path);
 absl::StatusOr<std::map<std::string, std::string>> EncodeSourceRequest(
     const source::OpenRequest& request);
 
-// Returns the request of such members. FAILED_PRECONDITION: one that this program does not know.
+// Returns the request of such members, but for those of DecodeSourceVolume. FAILED_PRECONDITION: one that this program does not know.
 // DATA_LOSS: one that is no text of EncodeSourceRequest. `where` is for messages.
 absl::StatusOr<source::OpenRequest> DecodeSourceRequest(
+    const std::map<std::string, std::string>& members, absl::string_view where);
+
+// A volume of a source that has several.
+struct SourceVolume {
+  std::string field;
+  int component = 0;  // behind the last of several: the magnitude
+  int step = 0;
+
+  friend bool operator==(const SourceVolume&, const SourceVolume&) = default;
+};
+
+// Returns the volume that such members name; not set: they name none, and the source has one only.
+// DATA_LOSS as DecodeSourceRequest.
+absl::StatusOr<std::optional<SourceVolume>> DecodeSourceVolume(
     const std::map<std::string, std::string>& members, absl::string_view where);
 
 }  // namespace isoscope::indexed

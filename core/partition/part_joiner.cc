@@ -250,6 +250,7 @@ class VolumeJoiner {
         const store::ShardSummary summary,
         store::JoinShard(
             pieces, layout_, type, directory, IsDirect(),
+            pieces_.records.front().manifest.in_source.has_value(),
             [&](const store::JoinedBlock& block) {
               constexpr std::uint32_t kBlocksBetweenReports = 4096;
               if (block.ordinal % kBlocksBetweenReports == 0) {
@@ -566,8 +567,9 @@ bool IsJoined(const PartFolder& folder, const std::vector<Pieces>& volumes) {
         bytes.ok() ? store::DecodeManifest(*bytes, path) : bytes.status();
     if (!manifest.ok() || manifest->samples_digest != VolumeJoiner::DigestOf(pieces) ||
         manifest->block_cells != first.manifest.block_cells ||
-        manifest->seed != first.manifest.seed || manifest->name != first.manifest.name ||
-        manifest->highest_level() != first.highest_level || !HasBlocksOf(*manifest, pieces)) {
+        manifest->in_source != first.manifest.in_source || manifest->seed != first.manifest.seed ||
+        manifest->name != first.manifest.name || manifest->highest_level() != first.highest_level ||
+        !HasBlocksOf(*manifest, pieces)) {
       return false;
     }
   }

@@ -85,6 +85,14 @@ std::string TextOfLevels(const LevelOptions& levels) {
       levels.filter.has_value() ? absl::StrCat(" by ", volume::NameOf(*levels.filter)) : "");
 }
 
+// Agents read the source where the manifest says, so all parts name the same place.
+std::string TextOfSource(const std::optional<store::SourceSamples>& in_source) {
+  return !in_source.has_value() ? "not given"
+                                : absl::StrCat("of ", in_source->request.at("path"),
+                                               " in chunks of ", TextOf(in_source->unit_dims),
+                                               " samples from ", TextOf(in_source->unit_origin));
+}
+
 void AddGrid(const volume::GridGeometry& grid, store::PartCut* cut) {
   cut->members.emplace_back("the size of the volume", TextOf(grid.sample_dims));
   cut->members.emplace_back("its spacing", TextOf(grid.spacing));
@@ -104,6 +112,7 @@ void AddMembers(const PartOptions& options, const volume::GridGeometry& grid, Pl
   cut.members.emplace_back("--seed", absl::StrCat(of_volume.seed));
   cut.members.emplace_back("--compression", std::string(store::NameOf(of_volume.compression)));
   cut.members.emplace_back("--levels", TextOfLevels(of_volume.levels));
+  cut.members.emplace_back("--index-only", TextOfSource(of_volume.in_source));
   cut.members.insert(cut.members.end(), options.source_members.begin(),
                      options.source_members.end());
   cut.members.emplace_back("the list of labels", TextOfLabels(of_volume.labels));
@@ -126,6 +135,10 @@ absl::StatusOr<Plan> MakePlan(source::VolumeSeries& source, const PartOptions& o
     ISOSCOPE_ASSIGN_OR_RETURN(plan.cut.series, PlanSeries(source, plan.options, plan.cut.name));
     ISOSCOPE_ASSIGN_OR_RETURN(plan.tasks, PlanVolumes(source, *plan.cut.series));
     ISOSCOPE_RETURN_IF_ERROR(CheckGrids(source, plan.tasks, *plan.cut.series, cancellation));
+    if (plan.options.in_source.has_value()) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          PlanUnitsOfSeries(source, *plan.cut.series, &*plan.options.in_source));
+    }
     for (const VolumeTask& task : plan.tasks) {
       plan.cut.keys.push_back(task.key);
     }
@@ -136,6 +149,9 @@ absl::StatusOr<Plan> MakePlan(source::VolumeSeries& source, const PartOptions& o
     ISOSCOPE_RETURN_IF_ERROR(volume::Validate(volume->info().geometry));
     grid = volume->info().geometry;
     plan.tasks.emplace_back();
+    if (plan.options.in_source.has_value()) {
+      ISOSCOPE_RETURN_IF_ERROR(PlanUnits(*volume, &*plan.options.in_source));
+    }
     plan.cut.members.emplace_back("the sample type",
                                   std::string(volume::NameOf(volume->info().type)));
   }
@@ -144,6 +160,9 @@ absl::StatusOr<Plan> MakePlan(source::VolumeSeries& source, const PartOptions& o
   ISOSCOPE_ASSIGN_OR_RETURN(plan.layout,
                             volume::BlockLayout::Make(grid.sample_dims, *plan.options.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(plan.options.shard_count, plan.layout));
+  if (plan.options.in_source.has_value()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIndexOnly(plan.options, plan.layout));
+  }
   AddMembers(options, grid, &plan);
   return plan;
 }
@@ -260,7 +279,10 @@ class PartWriter {
     if (plan_.cut.series.has_value()) {
       ISOSCOPE_RETURN_IF_ERROR(CheckFits(source_, task, *volume, *plan_.cut.series));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(store::PieceRecord record, BeginRecord(*volume));
+    if (plan_.options.in_source.has_value()) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckRandomAccess(*volume));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(store::PieceRecord record, BeginRecord(task, *volume));
     const std::string parent = folder_.VolumePath(volume_name);
     const std::string prefix = store::PartName(part_) + kTryInfix;
     io::RemoveLeftovers(parent, prefix);
@@ -285,7 +307,8 @@ class PartWriter {
     return moved;
   }
 
-  absl::StatusOr<store::PieceRecord> BeginRecord(const source::VolumeSource& volume) {
+  absl::StatusOr<store::PieceRecord> BeginRecord(const VolumeTask& task,
+                                                 const source::VolumeSource& volume) {
     const source::SourceInfo& info = volume.info();
     const std::vector<volume::Label>& labels = plan_.options.labels;
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -314,6 +337,10 @@ class PartWriter {
     manifest.distribution = store::Distribution::kRandom;
     manifest.seed = plan_.options.seed;
     manifest.shards = {{.block_count = plan_.layout.block_count()}};
+    manifest.in_source = plan_.options.in_source;
+    if (plan_.cut.series.has_value() && manifest.in_source.has_value()) {
+      manifest.in_source = SamplesOfTask(source_, task, *manifest.in_source);
+    }
     // Joining has the manifest from a file.
     const absl::StatusOr<store::Manifest> read =
         store::DecodeManifest(store::EncodeManifest(manifest), info.name);

@@ -29,6 +29,7 @@
 #include "core/partition/partition_plan.h"
 #include "core/partition/portion_reader.h"
 #include "core/partition/volume_writer.h"
+#include "core/source/box_decoding.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 
@@ -117,6 +118,64 @@ class Partitioner {
 constexpr std::int64_t kMinUnitEdge = 32;
 constexpr std::int64_t kJoinedUnitBytes = 2 * base::kMiB;
 
+absl::StatusOr<source::BoxGrid> GridOf(const source::VolumeSource& source) {
+  const std::optional<source::BoxGrid> grid = source.box_grid();
+  if (!grid.has_value()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        source.info().name,
+        ": can't be indexed alone: its samples can't be read in any order (it is compressed as a "
+        "whole, resampled, or of a format without random access); leave --index-only out, or write "
+        "it as Zarr or uncompressed"));
+  }
+  // A source may find out only now that it can't.
+  std::array<char, sizeof(double)> sample{};
+  ISOSCOPE_RETURN_IF_ERROR(source.ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, sample.data()));
+  return *grid;
+}
+
+}  // namespace
+
+absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples* samples) {
+  const source::SourceInfo& info = source.info();
+  ISOSCOPE_ASSIGN_OR_RETURN(const source::BoxGrid grid, GridOf(source));
+  samples->unit_origin = grid.origin;
+  math::Index3& dims = samples->unit_dims;
+  const std::int64_t factor = source::DecodingFactorOf(source);
+  double bytes =  // that are decoded
+      static_cast<double>(volume::SizeOf(info.type)) * static_cast<double>(factor);
+  for (int axis = 0; axis < 3; ++axis) {
+    // No unit is larger than the volume.
+    dims[axis] = std::min(grid.box_dims[axis], info.geometry.sample_dims[axis] - grid.origin[axis]);
+    bytes *= static_cast<double>(dims[axis]);
+  }
+  if (bytes > static_cast<double>(store::kMaxUnitBytes)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: can't be indexed alone: its chunks of %d x %d x %d samples%s have %.0f MiB, at most "
+        "%d "
+        "MiB are read for a few blocks; write it with smaller chunks, or leave --index-only out",
+        info.name, dims.x, dims.y, dims.z,
+        factor > 1 ? ", with what is decoded along with them (other channels or steps)," : "",
+        bytes / double{base::kMiB}, store::kMaxUnitBytes / base::kMiB));
+  }
+  for (;;) {
+    int least = 0;
+    for (int axis = 1; axis < 3; ++axis) {
+      least = dims[axis] < dims[least] ? axis : least;
+    }
+    const std::int64_t whole = info.geometry.sample_dims[least] - samples->unit_origin[least];
+    if (dims[least] >= kMinUnitEdge || dims[least] >= whole ||
+        2 * bytes > static_cast<double>(kJoinedUnitBytes)) {
+      return absl::OkStatus();
+    }
+    dims[least] *= 2;
+    bytes *= 2;
+  }
+}
+
+absl::Status CheckRandomAccess(const source::VolumeSource& source) {
+  return GridOf(source).status();
+}
+
 absl::Status CheckIndexOnly(const PartitionOptions& options, const volume::BlockLayout& layout) {
   if (options.distribution != store::Distribution::kRandom ||
       options.compression != store::BlockEncoding::kRaw) {
@@ -134,53 +193,6 @@ absl::Status CheckIndexOnly(const PartitionOptions& options, const volume::Block
                    options.shard_count, dims.x, dims.y, dims.z, units));
 }
 
-}  // namespace
-
-absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples* samples) {
-  const source::SourceInfo& info = source.info();
-  const std::optional<source::BoxGrid> grid = source.box_grid();
-  if (!grid.has_value()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        info.name,
-        ": can't be indexed alone: its samples can't be read in any order (it is compressed as a "
-        "whole, resampled, in chunks of several channels, or of a format without random access); "
-        "leave --index-only "
-        "out, or write it as Zarr or uncompressed"));
-  }
-  // A source may find out only now that it can't.
-  std::array<char, sizeof(double)> sample{};
-  ISOSCOPE_RETURN_IF_ERROR(source.ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, sample.data()));
-  samples->unit_origin = grid->origin;
-  math::Index3& dims = samples->unit_dims;
-  double bytes = static_cast<double>(volume::SizeOf(info.type));
-  for (int axis = 0; axis < 3; ++axis) {
-    // No unit is larger than the volume.
-    dims[axis] =
-        std::min(grid->box_dims[axis], info.geometry.sample_dims[axis] - grid->origin[axis]);
-    bytes *= static_cast<double>(dims[axis]);
-  }
-  if (bytes > static_cast<double>(store::kMaxUnitBytes)) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: can't be indexed alone: its chunks of %d x %d x %d samples have %.0f MiB, at most %d "
-        "MiB are read for a few blocks; write it with smaller chunks, or leave --index-only out",
-        info.name, dims.x, dims.y, dims.z, bytes / double{base::kMiB},
-        store::kMaxUnitBytes / base::kMiB));
-  }
-  for (;;) {
-    int least = 0;
-    for (int axis = 1; axis < 3; ++axis) {
-      least = dims[axis] < dims[least] ? axis : least;
-    }
-    const std::int64_t whole = info.geometry.sample_dims[least] - samples->unit_origin[least];
-    if (dims[least] >= kMinUnitEdge || dims[least] >= whole ||
-        2 * bytes > static_cast<double>(kJoinedUnitBytes)) {
-      return absl::OkStatus();
-    }
-    dims[least] *= 2;
-    bytes *= 2;
-  }
-}
-
 absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,
                                           const base::Cancellation& cancellation) {
@@ -194,7 +206,8 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                             volume::BlockLayout::Make(info.geometry.sample_dims, *cut.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
   if (cut.in_source.has_value()) {
-    ISOSCOPE_RETURN_IF_ERROR(PlanUnits(source, &*cut.in_source));
+    ISOSCOPE_RETURN_IF_ERROR(cut.keeps_units ? CheckRandomAccess(source)
+                                             : PlanUnits(source, &*cut.in_source));
     ISOSCOPE_RETURN_IF_ERROR(CheckIndexOnly(cut, layout));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const LevelPlan levels,

@@ -43,10 +43,12 @@ struct PartitionOptions {
   std::uint64_t seed = 1;
   std::vector<volume::Label> labels{};  // names and colours of values; volume::ValidateLabels
   LevelOptions levels{};                // coarser volumes beside the samples
-  // How the source is opened again: makes an index-only dataset, whose level 0 has no samples. Its
-  // units are set here (PlanUnits), whatever they are. Blocks are dealt out at random by units, and
-  // not encoded. Not for series and parts.
+  // How the source is opened again: makes an index-only dataset, whose level 0 has no samples. Blocks
+  // are dealt out at random by units, and not encoded.
   std::optional<store::SourceSamples> in_source{};
+  // The units of in_source stay as they are, as those of all volumes of a series do. Else they are set
+  // here (PlanUnits), whatever they are.
+  bool keeps_units = false;
   std::int64_t memory_limit_bytes = base::kGiB;
   std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   // Blocks of more bytes than this are written past the page cache. Default: CachedBytes().
@@ -59,8 +61,14 @@ struct PartitionOptions {
 
 // Sets the units in which an index-only volume reads its source: the boxes of its grid, or several of
 // them if they are small. INVALID_ARGUMENT: a source without random access; boxes of more than
-// store::kMaxUnitBytes.
+// store::kMaxUnitBytes, with the samples of others that are decoded along with them.
 absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples* samples);
+
+// INVALID_ARGUMENT: an index-only volume can't have this source, which has no random access.
+absl::Status CheckRandomAccess(const source::VolumeSource& source);
+// INVALID_ARGUMENT: options that an index-only volume can't have, such as more shards than units.
+// REQUIRES: in_source with its units.
+absl::Status CheckIndexOnly(const PartitionOptions& options, const volume::BlockLayout& layout);
 
 // Partitions a volume and returns the manifest. Reads the volume once (random) or twice (greedy:
 // ranges first); levels are made along with it. The steps are at the head of partitioner.cc.

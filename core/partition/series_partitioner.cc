@@ -39,6 +39,7 @@
 #include "core/partition/series_writer.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
+#include "core/store/source_volume.h"
 
 namespace isoscope::partition {
 namespace {
@@ -143,6 +144,23 @@ absl::StatusOr<store::SeriesManifest> OpenToAppend(const std::string& directory)
   return std::move(series.manifest);
 }
 
+// Copied volumes are dealt out in another way than those whose samples stay in the source.
+absl::Status CheckHoldsSamples(const std::string& directory, const store::SeriesManifest& series) {
+  if (series.volumes.empty()) {
+    return absl::OkStatus();
+  }
+  // A folder that is missing is told by others.
+  const auto samples = store::SamplesOfVolume(
+      absl::StrCat(directory, "/", store::ShardDirectoryName(0, series.shard_count)),
+      series.volumes.front().key);
+  return samples.ok() && samples->has_value()
+             ? absl::FailedPreconditionError(absl::StrCat(
+                   directory,
+                   ": is index-only, and nothing can be appended: partition the source with all "
+                   "its steps anew, with --index-only"))
+             : absl::OkStatus();
+}
+
 }  // namespace
 
 // The ids of volumes are digests of samples, grid and cut.
@@ -209,13 +227,17 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& sour
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<VolumeTask> tasks,
                             PlanVolumes(source, series, options.wants));
   ISOSCOPE_RETURN_IF_ERROR(CheckGrids(source, tasks, series, cancellation));
+  PartitionOptions of_volume = WithManifestMemory(options.volume, tasks.size());
+  if (of_volume.in_source.has_value()) {
+    of_volume.keeps_units = true;
+    ISOSCOPE_RETURN_IF_ERROR(PlanUnitsOfSeries(source, series, &*of_volume.in_source));
+  }
 
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SeriesWorkFolder> folder,
                             SeriesWorkFolder::Take(output + ".partial"));
   ISOSCOPE_RETURN_IF_ERROR(PrepareFolder(options.resumes, series.shard_count, folder.get()));
-  ISOSCOPE_RETURN_IF_ERROR(WriteVolumes(source, tasks,
-                                        WithManifestMemory(options.volume, tasks.size()),
-                                        folder.get(), &series, cancellation));
+  ISOSCOPE_RETURN_IF_ERROR(
+      WriteVolumes(source, tasks, of_volume, folder.get(), &series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(folder->RemoveOtherVolumes(KeysOf(tasks)));
   series.dataset_id = ComputeSeriesId(series);
   ISOSCOPE_RETURN_IF_ERROR(WriteSeriesManifests(folder->path(), series));
@@ -227,7 +249,11 @@ absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& sourc
                                                      const SeriesPartitionOptions& options,
                                                      const base::Cancellation& cancellation) {
   const std::string directory = TrimmedPath(options.volume.output_directory);
-  ISOSCOPE_RETURN_IF_ERROR(OpenToAppend(directory).status());
+  if (options.volume.in_source.has_value()) {
+    return absl::InvalidArgumentError("what is appended to a series is copied into it");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::SeriesManifest found, OpenToAppend(directory));
+  ISOSCOPE_RETURN_IF_ERROR(CheckHoldsSamples(directory, found));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<SeriesWorkFolder> folder,
       SeriesWorkFolder::Take(absl::StrCat(directory, "/", kAppendFolderName)));

@@ -19,7 +19,9 @@ namespace isoscope::partition {
 struct SeriesPartitionOptions {
   // As of a volume: the limit holds for all together, and progress is of all bytes. PartitionSeries
   // refuses the greedy distribution. AppendToSeries takes `output_directory`, which exists,
-  // compression and memory alone; the rest, levels too, is as the series has it.
+  // compression and memory alone; the rest, levels too, is as the series has it. Of in_source, the
+  // units are set by PartitionSeries, the same ones for all volumes, whose requests get the members that
+  // tell them apart; `resumes` is not for it.
   PartitionOptions volume;
   // Takes the scalar volumes that an interrupted run has finished, if neither the request for the
   // source, nor its files (source::StampsOf), nor the parameters have changed since
@@ -58,7 +60,7 @@ absl::StatusOr<store::SeriesManifest> PartitionSeries(source::VolumeSeries& sour
 // Crash-safe: a process that is killed leaves the series as it was, or with all that was appended,
 // as soon as the next one appends. Readers see either.
 //
-// NOT_FOUND, FAILED_PRECONDITION (no series, a shard is missing, another process appends),
+// NOT_FOUND, FAILED_PRECONDITION (no series, an index-only one, a shard is missing, another process appends),
 // DATA_LOSS as store::OpenSeries; ALREADY_EXISTS: a field at this time. INVALID_ARGUMENT: other
 // fields, units, times or grids. Otherwise errors as PartitionSeries.
 absl::StatusOr<store::SeriesManifest> AppendToSeries(source::VolumeSeries& source,

@@ -23,6 +23,7 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/partition/output_folder.h"
 #include "core/partition/partition_plan.h"
 #include "core/volume/block_layout.h"
@@ -227,6 +228,44 @@ absl::StatusOr<std::vector<VolumeTask>> PlanAppending(const source::VolumeSeries
   ISOSCOPE_RETURN_IF_ERROR(CheckCounts(series->fields.size(), series->times.size(),
                                        series->volumes.size() + tasks.size(), name));
   return tasks;
+}
+
+absl::Status PlanUnitsOfSeries(source::VolumeSeries& source, const store::SeriesManifest& series,
+                               store::SourceSamples* samples) {
+  bool is_first = true;
+  std::size_t sample_bytes = 0;  // the most, magnitudes included
+  for (std::size_t field = 0; field < series.fields.size(); ++field) {
+    for (const store::FieldComponent& component : series.fields[field].components) {
+      sample_bytes = std::max(sample_bytes, volume::SizeOf(component.scalar_type));
+    }
+    const auto components = source.info().fields[field].components.size();
+    for (std::size_t component = 0; component < components; ++component) {
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          const std::unique_ptr<source::VolumeSource> volume,
+          source.Open(static_cast<int>(field), static_cast<int>(component), 0));
+      store::SourceSamples own;
+      ISOSCOPE_RETURN_IF_ERROR(PlanUnits(*volume, &own));
+      for (int axis = 0; axis < 3; ++axis) {
+        if (is_first || own.unit_dims[axis] > samples->unit_dims[axis]) {
+          samples->unit_dims[axis] = own.unit_dims[axis];
+          samples->unit_origin[axis] = own.unit_origin[axis];
+        }
+      }
+      is_first = false;
+    }
+  }
+  const math::Index3& dims = samples->unit_dims;
+  const double bytes = static_cast<double>(dims.x) * static_cast<double>(dims.y) *
+                       static_cast<double>(dims.z) * static_cast<double>(sample_bytes);
+  if (bytes > static_cast<double>(store::kMaxUnitBytes)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: can't be indexed alone: all its fields and magnitudes are read in the same chunks, of "
+        "%d x %d x %d samples and up to %.0f MiB, at most %d MiB are read for a few blocks; name "
+        "one field with --field, write it with smaller chunks, or leave --index-only out",
+        source.info().name, dims.x, dims.y, dims.z, bytes / double{base::kMiB},
+        store::kMaxUnitBytes / base::kMiB));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status CheckGrids(source::VolumeSeries& source, const std::vector<VolumeTask>& tasks,

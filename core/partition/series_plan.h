@@ -41,6 +41,12 @@ absl::StatusOr<std::vector<VolumeTask>> PlanVolumes(const source::VolumeSeries& 
 absl::StatusOr<std::vector<VolumeTask>> PlanAppending(const source::VolumeSeries& source,
                                                       bool resumes, store::SeriesManifest* series);
 
+// Sets the units in which all volumes of an index-only series read their source, so that a block is in
+// the same shard in each of them: on each axis those of the field with the longest. INVALID_ARGUMENT:
+// as PlanUnits, of a field; units that have more than store::kMaxUnitBytes of a component.
+absl::Status PlanUnitsOfSeries(source::VolumeSeries& source, const store::SeriesManifest& series,
+                               store::SourceSamples* samples);
+
 // Opens the first component of each field at each step, and compares the grids. Errors as
 // CheckFits.
 absl::Status CheckGrids(source::VolumeSeries& source, const std::vector<VolumeTask>& tasks,

@@ -22,6 +22,7 @@
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/source/adapt/magnitude_source.h"
+#include "core/store/source_volume.h"
 
 namespace isoscope::partition {
 namespace {
@@ -153,6 +154,9 @@ absl::Status WriteTask(source::VolumeSeries& source, const VolumeTask& task,
   if (is_finished) {
     return absl::OkStatus();
   }
+  if (options.in_source.has_value()) {
+    options.in_source = SamplesOfTask(source, task, *std::move(options.in_source));
+  }
   ISOSCOPE_RETURN_IF_ERROR(WriteVolume(volume.get(), options, *folder, series, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(source.IdentityOfStep(task.step).status());
   return folder->Finish(task.key, fingerprint);
@@ -162,22 +166,15 @@ absl::Status WriteTask(source::VolumeSeries& source, const VolumeTask& task,
 
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenTask(source::VolumeSeries& source,
                                                                const VolumeTask& task) {
-  const auto component_count = static_cast<int>(source.info().field(task.field).components.size());
-  if (task.component < component_count) {
-    return source.Open(task.field, task.component, task.step);
-  }
-  std::vector<std::unique_ptr<source::VolumeSource>> components;
-  for (int component = 0; component < component_count; ++component) {
-    ISOSCOPE_ASSIGN_OR_RETURN(components.emplace_back(),
-                              source.Open(task.field, component, task.step));
-    if (components.back()->info().geometry != components.front()->info().geometry) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          NameOf(source,
-                 {.key = {}, .field = task.field, .component = component, .step = task.step}),
-          ": has another grid than the component before"));
-    }
-  }
-  return source::MakeMagnitudeSource(std::move(components));
+  return source::OpenComponent(source, task.field, task.component, task.step);
+}
+
+store::SourceSamples SamplesOfTask(const source::VolumeSeries& source, const VolumeTask& task,
+                                   store::SourceSamples all) {
+  all.request[store::kFieldMember] = source.info().field(task.field).name;
+  all.request[store::kComponentMember] = absl::StrCat(task.component);
+  all.request[store::kStepMember] = absl::StrCat(task.step);
+  return all;
 }
 
 std::string NameOf(const source::VolumeSeries& source, const VolumeTask& task) {
@@ -252,6 +249,10 @@ absl::Status WriteVolumes(source::VolumeSeries& source, const std::vector<Volume
       ISOSCOPE_ASSIGN_OR_RETURN(series->volumes.emplace_back(), folder->Describe(task.key));
       return absl::OkStatus();
     }();
+    if (!status.ok() && options.in_source.has_value()) {
+      folder->Clear().IgnoreError();  // nothing goes on with them
+      return status;
+    }
     if (!status.ok() && i > 0) {
       return {status.code(),
               absl::StrFormat("%s; %d of %d volumes are finished and kept in %s: --resume goes on "

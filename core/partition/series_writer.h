@@ -33,6 +33,10 @@ struct VolumeTask {
 absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenTask(source::VolumeSeries& source,
                                                                const VolumeTask& task);
 
+// Returns where the samples of the task's volume are, if `all` says it of the source.
+store::SourceSamples SamplesOfTask(const source::VolumeSeries& source, const VolumeTask& task,
+                                   store::SourceSamples all);
+
 // Returns "field "u", component x, step 3" of the source.
 std::string NameOf(const source::VolumeSeries& source, const VolumeTask& task);
 

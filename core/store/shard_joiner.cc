@@ -4,6 +4,8 @@
 //   blocks.bin        the bytes of the pieces
 //   block_index.bin   their entries, whose offsets grow by the bytes of the pieces before
 //
+// An index-only shard has no blocks.bin, nor have its pieces.
+//
 // The entries and the spans are compared with the record of the piece first. Then blocks are copied
 // in runs of some MiB, each compared with the checksums of its entries.
 
@@ -47,16 +49,21 @@ absl::StatusOr<std::uint32_t> Crc32cOfFile(const std::string& path) {
 // Writes a shard.
 class Joiner {
  public:
-  Joiner(const volume::BlockLayout& layout, volume::ScalarType type,
+  Joiner(const volume::BlockLayout& layout, volume::ScalarType type, bool is_index_only,
          absl::FunctionRef<absl::Status(const JoinedBlock&)> visit,
          const base::Cancellation& cancellation)
-      : layout_(layout), type_(type), visit_(visit), cancellation_(cancellation) {}
+      : layout_(layout),
+        type_(type),
+        is_index_only_(is_index_only),
+        visit_(visit),
+        cancellation_(cancellation) {}
 
   absl::Status Create(const std::string& directory, bool is_direct) {
     directory_ = directory;
-    const std::string path = absl::StrCat(directory, "/", kBlocksFileName);
-    ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, is_direct ? io::CreateDirectFile(path, kDirectBytes)
-                                                      : io::CreateWritableFile(path));
+    if (const std::string path = absl::StrCat(directory, "/", kBlocksFileName); !is_index_only_) {
+      ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, is_direct ? io::CreateDirectFile(path, kDirectBytes)
+                                                        : io::CreateWritableFile(path));
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(
         index_file_, io::CreateWritableFile(absl::StrCat(directory, "/", kBlockIndexFileName)));
     return index_file_->Append(std::string(kBinaryHeaderBytes, '\0'));
@@ -67,10 +74,13 @@ class Joiner {
     const auto open = [&from](absl::string_view name) {
       return io::OpenRandomAccessFile(absl::StrCat(from.directory, "/", name));
     };
-    ISOSCOPE_ASSIGN_OR_RETURN(const auto blocks, open(kBlocksFileName));
+    std::unique_ptr<io::RandomAccessFile> blocks;
+    if (!is_index_only_) {
+      ISOSCOPE_ASSIGN_OR_RETURN(blocks, open(kBlocksFileName));
+      ISOSCOPE_RETURN_IF_ERROR(CheckSize(*blocks, from.piece.summary.block_bytes));
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(const auto index, open(kBlockIndexFileName));
     ISOSCOPE_ASSIGN_OR_RETURN(const auto spans, open(kSpansFileName));
-    ISOSCOPE_RETURN_IF_ERROR(CheckSize(*blocks, from.piece.summary.block_bytes));
     ISOSCOPE_RETURN_IF_ERROR(CheckSize(
         *index, static_cast<std::int64_t>(
                     kBinaryHeaderBytes + kBlockIndexEntryBytes * static_cast<std::size_t>(count))));
@@ -91,9 +101,9 @@ class Joiner {
       span_bytes.resize(run * kSpanBytes);
       ISOSCOPE_RETURN_IF_ERROR(spans->ReadAt(first * static_cast<std::int64_t>(kSpanBytes),
                                              span_bytes.size(), span_bytes.data()));
-      ISOSCOPE_RETURN_IF_ERROR(AddEntries(entries, span_bytes, *blocks, &offset));
+      ISOSCOPE_RETURN_IF_ERROR(AddEntries(entries, span_bytes, blocks.get(), *index, &offset));
     }
-    return offset == from.piece.summary.block_bytes ? absl::OkStatus() : Damaged(*blocks);
+    return offset == from.piece.summary.block_bytes ? absl::OkStatus() : Damaged(*index);
   }
 
   absl::StatusOr<ShardSummary> Finish() {
@@ -104,7 +114,9 @@ class Joiner {
                                               .payload_crc32c = entries_crc32c_,
                                               .data_size = summary_.block_bytes});
     ISOSCOPE_RETURN_IF_ERROR(index_file_->WriteAt(0, header));
-    ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
+    if (blocks_file_ != nullptr) {
+      ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
+    }
     ISOSCOPE_RETURN_IF_ERROR(index_file_->Close());
     ISOSCOPE_ASSIGN_OR_RETURN(summary_.block_index_crc32c,
                               Crc32cOfFile(absl::StrCat(directory_, "/", kBlockIndexFileName)));
@@ -133,9 +145,10 @@ class Joiner {
     return crc32c == expected ? absl::OkStatus() : Damaged(file);
   }
 
-  // Copies the blocks of some entries, in runs.
+  // Copies the blocks of some entries, in runs. blocks: null if they are in the source
   absl::Status AddEntries(absl::string_view entries, absl::string_view spans,
-                          const io::RandomAccessFile& blocks, std::int64_t* offset) {
+                          const io::RandomAccessFile* blocks, const io::RandomAccessFile& index,
+                          std::int64_t* offset) {
     const std::size_t count = entries.size() / kBlockIndexEntryBytes;
     for (std::size_t begin = 0; begin < count;) {
       std::vector<BlockIndexEntry> run;
@@ -144,7 +157,7 @@ class Joiner {
         const BlockIndexEntry entry =
             DecodeBlockIndexEntry(entries.data() + i * kBlockIndexEntryBytes);
         if (entry.offset != *offset + bytes || entry.block_id >= layout_.block_count()) {
-          return Damaged(blocks);
+          return Damaged(index);
         }
         if (!run.empty() && bytes + entry.size > kRunBytes) {
           break;
@@ -153,29 +166,41 @@ class Joiner {
         bytes += entry.size;
       }
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      buffer_.resize(static_cast<std::size_t>(bytes));
-      ISOSCOPE_RETURN_IF_ERROR(blocks.ReadAt(*offset, buffer_.size(), buffer_.data()));
+      if (blocks != nullptr) {
+        buffer_.resize(static_cast<std::size_t>(bytes));
+        ISOSCOPE_RETURN_IF_ERROR(blocks->ReadAt(*offset, buffer_.size(), buffer_.data()));
+        ISOSCOPE_RETURN_IF_ERROR(VerifyRun(run, *blocks));
+        ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Append(buffer_));
+      }
       ISOSCOPE_RETURN_IF_ERROR(
-          AddRun(run, spans.substr(begin * kSpanBytes, run.size() * kSpanBytes), blocks));
+          AddRun(run, spans.substr(begin * kSpanBytes, run.size() * kSpanBytes), index));
       *offset += bytes;
       begin += run.size();
     }
     return absl::OkStatus();
   }
 
-  // Writes the blocks in the buffer, once they were verified.
-  absl::Status AddRun(const std::vector<BlockIndexEntry>& run, absl::string_view spans,
-                      const io::RandomAccessFile& blocks) {
+  // Compares the blocks in the buffer.
+  absl::Status VerifyRun(const std::vector<BlockIndexEntry>& run,
+                         const io::RandomAccessFile& blocks) const {
     std::size_t at = 0;
-    for (std::size_t i = 0; i < run.size(); ++i) {
-      BlockIndexEntry entry = run[i];
+    for (const BlockIndexEntry& entry : run) {
       if (base::Crc32c(absl::string_view(buffer_).substr(at, entry.size)) != entry.crc32c) {
         return Damaged(blocks);
       }
       at += entry.size;
+    }
+    return absl::OkStatus();
+  }
+
+  // Writes the entries of blocks.
+  absl::Status AddRun(const std::vector<BlockIndexEntry>& run, absl::string_view spans,
+                      const io::RandomAccessFile& index) {
+    for (std::size_t i = 0; i < run.size(); ++i) {
+      BlockIndexEntry entry = run[i];
       const std::uint64_t key = BlockOrderKey(layout_, entry.block_id);
       if (summary_.block_count > 0 && key <= last_key_) {
-        return absl::DataLossError(absl::StrCat(blocks.path(), ": block ", entry.block_id,
+        return absl::DataLossError(absl::StrCat(index.path(), ": block ", entry.block_id,
                                                 " is not behind those of the parts before"));
       }
       last_key_ = key;
@@ -193,15 +218,16 @@ class Joiner {
       summary_.block_bytes += entry.size;
       ++summary_.block_count;
     }
-    return blocks_file_->Append(buffer_);
+    return absl::OkStatus();
   }
 
   const volume::BlockLayout& layout_;
   const volume::ScalarType type_;
+  const bool is_index_only_;
   const absl::FunctionRef<absl::Status(const JoinedBlock&)> visit_;
   const base::Cancellation& cancellation_;
   std::string directory_;
-  std::unique_ptr<io::WritableFile> blocks_file_;
+  std::unique_ptr<io::WritableFile> blocks_file_;  // null if it is index-only
   std::unique_ptr<io::WritableFile> index_file_;
   std::string buffer_;
   std::uint64_t last_key_ = 0;
@@ -214,9 +240,10 @@ class Joiner {
 absl::StatusOr<ShardSummary> JoinShard(const std::vector<PieceOfShard>& pieces,
                                        const volume::BlockLayout& layout, volume::ScalarType type,
                                        const std::string& directory, bool is_direct,
+                                       bool is_index_only,
                                        absl::FunctionRef<absl::Status(const JoinedBlock&)> visit,
                                        const base::Cancellation& cancellation) {
-  Joiner joiner(layout, type, visit, cancellation);
+  Joiner joiner(layout, type, is_index_only, visit, cancellation);
   ISOSCOPE_RETURN_IF_ERROR(joiner.Create(directory, is_direct));
   for (const PieceOfShard& piece : pieces) {
     ISOSCOPE_RETURN_IF_ERROR(joiner.Add(piece));

@@ -43,11 +43,13 @@ struct JoinedBlock {
 //
 // pieces:    in the order of their slabs; at least one
 // is_direct: blocks.bin is written past the page cache (io::CreateDirectFile)
+// is_index_only: the samples are in the source; the pieces have no blocks.bin, nor gets the shard one
 //
 // DATA_LOSS names the piece and what is wrong; CANCELLED; the errors of the files and of `visit`.
 absl::StatusOr<ShardSummary> JoinShard(const std::vector<PieceOfShard>& pieces,
                                        const volume::BlockLayout& layout, volume::ScalarType type,
                                        const std::string& directory, bool is_direct,
+                                       bool is_index_only,
                                        absl::FunctionRef<absl::Status(const JoinedBlock&)> visit,
                                        const base::Cancellation& cancellation);
 

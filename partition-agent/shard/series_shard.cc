@@ -20,6 +20,7 @@
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/status/status.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
 #include "core/base/log.h"
@@ -28,6 +29,7 @@
 #include "core/io/file.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_levels.h"
+#include "core/store/source_volume.h"
 #include "core/volume/volume_level.h"
 
 namespace isoscope::agent {
@@ -112,9 +114,9 @@ bool OpenVolumes::HasRoomForAnother(const std::vector<std::shared_ptr<const Shar
 
 absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
     const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
-    ReadManifest read_manifest) {
-  std::unique_ptr<SeriesShard> series(
-      new SeriesShard(directory, std::move(open_volumes), std::move(read_manifest)));
+    ReadManifest read_manifest, store::OpenSamples open_samples) {
+  std::unique_ptr<SeriesShard> series(new SeriesShard(
+      directory, std::move(open_volumes), std::move(read_manifest), std::move(open_samples)));
   const base::MutexLock refreshing(&series->refreshing_);
   // The stamp comes first: a manifest that is replaced while it is read is read again.
   series->stamp_ = io::StampOf(ManifestPath(directory));
@@ -123,6 +125,13 @@ absl::StatusOr<std::unique_ptr<SeriesShard>> SeriesShard::Open(
   const base::MutexLock lock(&series->mutex_);
   series->served_ = series->FindVolumes(std::move(shard));
   WarnIfIncomplete(*series->served_, directory);
+  if (!series->served_->volumes.empty()) {
+    // If it can't be read, a frame that needs the volume tells.
+    const auto samples = store::SamplesOfVolume(directory, series->served_->volumes.front().key);
+    if (samples.ok() && samples->has_value()) {
+      series->source_ = (*samples)->request.at("path");
+    }
+  }
   return series;
 }
 
@@ -321,8 +330,14 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
     const VolumeToOpen& wanted) const {
   const store::ScalarVolume& volume = wanted.volume;
   const std::string directory = DirectoryOf(volume);
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const Shard> shard,
-                            OpenShard(directory, wanted.number));
+  absl::StatusOr<std::shared_ptr<const Shard>> opened =
+      OpenShard(directory, wanted.number, io::OpenRandomAccessFile, open_samples_);
+  if (!opened.ok() && is_index_only() && !absl::StrContains(opened.status().message(), directory)) {
+    // The source is a part of the shard: whoever is told knows whose error it is.
+    return absl::Status(opened.status().code(),
+                        absl::StrCat(directory, ": ", opened.status().message()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> shard, std::move(opened));
   if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||
       shard->reader->shard_index() != shard_index_) {
     return absl::DataLossError(absl::StrCat(

@@ -85,10 +85,11 @@ class SeriesShard {
   using ReadManifest = std::function<absl::StatusOr<store::SeriesShard>(const std::string&)>;
 
   // Opens a shard directory of a series. `open_volumes` is shared by all series of the agent.
-  // Errors as store::OpenSeriesShard.
+  // Errors as store::OpenSeriesShard. open_samples: as for OpenShard
   static absl::StatusOr<std::unique_ptr<SeriesShard>> Open(
       const std::string& directory, std::shared_ptr<OpenVolumes> open_volumes,
-      ReadManifest read_manifest = store::OpenSeriesShard);
+      ReadManifest read_manifest = store::OpenSeriesShard,
+      store::OpenSamples open_samples = nullptr);
 
   // Has a function called whenever the folder of a volume could be opened. Call it before the shard
   // is used by other threads.
@@ -98,6 +99,10 @@ class SeriesShard {
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
+  // The path of the source, as the manifest has it, if the samples of its volumes are there, as far as
+  // the first one told when the series was opened; else "".
+  [[nodiscard]] const std::string& source() const { return source_; }
+  [[nodiscard]] bool is_index_only() const { return !source_.empty(); }
   [[nodiscard]] std::shared_ptr<const Served> served() const ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Looks for new volumes. Cheap if there are none. Returns at once if another thread looks.
@@ -127,10 +132,11 @@ class SeriesShard {
 
  private:
   SeriesShard(std::string directory, std::shared_ptr<OpenVolumes> open_volumes,
-              ReadManifest read_manifest)
+              ReadManifest read_manifest, store::OpenSamples open_samples)
       : directory_(std::move(directory)),
         open_volumes_(std::move(open_volumes)),
-        read_manifest_(std::move(read_manifest)) {}
+        read_manifest_(std::move(read_manifest)),
+        open_samples_(std::move(open_samples)) {}
 
   void RefreshAlone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(refreshing_) ABSL_LOCKS_EXCLUDED(mutex_);
   // A level of a volume, and its number (Shard::number).
@@ -159,8 +165,10 @@ class SeriesShard {
   const std::string directory_;
   const std::shared_ptr<OpenVolumes> open_volumes_;
   const ReadManifest read_manifest_;
+  const store::OpenSamples open_samples_;                        // may be empty
   std::function<void(const std::string& directory)> on_opened_;  // may be empty
   int shard_index_ = 0;
+  std::string source_;
   base::Mutex refreshing_;  // one at a time: an older list never replaces a newer one
   io::FileStamp stamp_ ABSL_GUARDED_BY(refreshing_);     // of the manifest that is served
   std::string last_error_ ABSL_GUARDED_BY(refreshing_);  // each is logged once

@@ -154,15 +154,107 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertEqual(read(os.path.join(dataset, 'manifest.json')), read(os.path.join(plain, 'manifest.json')))
 
   def test_refusals(self):
-    for more, word in ((['--compact'], '--compact'), (['--part', '0/2'], '--part'), (['--resume'], '--resume'),
-                       (['--distribution', 'greedy'], '--distribution greedy'), (['--time', '1'], '--time'),
-                       (['--compression', 'lz4'], '--compression')):
+    for more, word in ((['--compact'], '--compact'), (['--resume'], '--resume'),
+                       (['--distribution', 'greedy'], '--distribution greedy'), (['--compression', 'lz4'], '--compression')):
       done = self.partition('e', '--index-only', *more, check=False)
       self.assertEqual(done.returncode, 2, done.stderr)
       self.assertIn(f"{word} can't be used with --index-only", done.stderr)
     done = self.partition('e', '--index-only', '--shards', '100', check=False)
     self.assertEqual(done.returncode, 1)
     self.assertIn('use at most as many shards', done.stderr)
+
+  def files(self, folder):
+    """The bytes of all files, by their paths below the folder."""
+    return {
+        os.path.relpath(os.path.join(below, name), folder): read(os.path.join(below, name))
+        for below, _, names in os.walk(folder) for name in names
+    }
+
+  def test_parts_make_the_files_of_one_process(self):
+    for more in ([], ['--time', '1.5']):
+      whole = self.partition('a', '--index-only', '--shards', '2', '--levels', '1', *more)
+      parts = os.path.join(self.path('b'), 'd')
+      for part in range(3):
+        self.partition('b', '--index-only', '--shards', '2', '--levels', '1', '--part', f'{part}/3', *more)
+      isoscope('partition', '--finish', parts, '--quiet')
+      self.assertEqual(self.files(parts), self.files(whole))
+      for folder in (whole, parts):
+        shutil.rmtree(folder)
+
+  def test_steps_stay_in_the_source(self):
+    store = self.path('data', 't.zarr')
+    write_zarr_steps(store, steps=3)
+    arguments = ['partition', store, '--axes', 'TZYX', *CUT, '--levels', '1']
+    copied, dataset = self.path('copied'), self.path('steps')
+    isoscope(*arguments, '--output', copied)
+    isoscope(*arguments, '--output', dataset, '--index-only', '--shards', '3')
+    self.assertFalse([path for path in self.files(dataset) if path.endswith('blocks.bin') and 'level' not in path])
+    info = json.loads(isoscope('info', dataset, '--json').stdout)['datasets'][0]
+    self.assertEqual(info['in_source'], {'path': store, 'unit_dims': [32, 32, 32]})
+    self.assertIn(f'in {store}, read in chunks of', isoscope('info', dataset).stdout)
+    pictures = [self.picture(copied, '--step', str(step)) for step in range(3)]
+    self.assertEqual(len(set(pictures)), 3)
+    self.assertEqual([self.picture(dataset, '--step', str(step)) for step in range(3)], pictures)
+    self.assertIn('all checksums match', isoscope('verify', dataset).stdout)
+    appended = isoscope('partition', store, '--axes', 'TZYX', '--append', dataset, '--quiet', check=False)
+    self.assertEqual(appended.returncode, 1)
+    self.assertIn('index-only', appended.stderr)
+    plain = self.path('plain')
+    isoscope('partition', store, '--axes', 'TZYX', *CUT, '--levels', 'none', '--index-only', '--shards', '3',
+             '--output', plain)
+    isoscope('partition', '--add-levels', plain, '--levels', '1', '--quiet')
+    self.assertEqual({name: data for name, data in self.files(plain).items() if '.json' not in name},
+                     {name: data for name, data in self.files(dataset).items() if '.json' not in name})
+    # An agent opens each step when a frame needs it.
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+
+    def serve(step):
+      output = self.path('served.png')
+      if os.path.exists(output):
+        os.remove(output)
+      done = isoscope('render', '--server', coordinator.address, '--output', output, *VIEW[:2], '--width', '96',
+                      '--height', '72', '--no-metadata', '--quiet', '--step', str(step), check=False)
+      return read(output) if done.returncode == 0 else done.stderr
+
+    self.assertEqual(serve(1), pictures[1])
+    self.assertEqual(serve(0), pictures[0])
+    # One step changes: the others are drawn on.
+    for name in os.listdir(store):
+      if name.startswith('2.'):
+        with open(os.path.join(store, name), 'r+b') as file:
+          file.write(bytes(4096))
+    self.assertIn('the source has changed', serve(2))
+    self.assertEqual(serve(1), pictures[1])
+    verified = isoscope('verify', dataset, check=False)
+    self.assertEqual(verified.returncode, 1)
+    self.assertIn('the source has changed', verified.stdout)
+
+  def test_series_without_leave_to_read_are_refused(self):
+    store = self.path('data', 't.zarr')
+    write_zarr_steps(store, steps=2)
+    dataset = self.path('d')
+    isoscope('partition', store, '--axes', 'TZYX', *CUT, '--output', dataset, '--index-only')
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+    done = isoscope('render', '--server', coordinator.address, '--output', self.path('no.png'), *VIEW[:2], '--quiet',
+                    check=False)
+    self.assertEqual(done.returncode, 1)
+    self.assertIn('may not read', done.stderr)
+    self.assertNotIn(self.path('data'), done.stderr)
+
+  def test_vtk_files_of_steps(self):
+    for step in range(2):
+      write_vti(self.path('data', f'run_{step}.vti'), slope=8 + 4 * step)
+    pattern = self.path('data', 'run_*.vti')
+    isoscope('partition', pattern, *CUT, '--output', self.path('copied'))
+    isoscope('partition', pattern, *CUT, '--output', self.path('d'), '--index-only')
+    for step in ('0', '1'):
+      self.assertEqual(self.picture(self.path('d'), '--step', step), self.picture(self.path('copied'), '--step', step))
 
   def test_agents_read_what_is_allowed(self):
     dataset = self.partition('b', '--shards', '2', '--index-only')
@@ -220,6 +312,12 @@ class IndexOnlyTest(unittest.TestCase):
     self.addCleanup(os.environ.pop, 'ISOSCOPE_ALLOW_SOURCE')
     os.environ['ISOSCOPE_ALLOW_SOURCE'] = f'http://127.0.0.1:{server.port}'
     self.assertEqual(self.picture(dataset), expected)
+    steps = self.path('data', 't.zarr')
+    write_zarr_steps(steps, steps=2)
+    for source, output, *more in ((steps, 'e'), (f'http://127.0.0.1:{server.port}/t.zarr', 'f', '--index-only')):
+      isoscope('partition', source, '--axes', 'TZYX', *CUT, '--output', self.path(output), *more)
+    for step in ('0', '1'):
+      self.assertEqual(self.picture(self.path('f'), '--step', step), self.picture(self.path('e'), '--step', step))
     server.redirects = True
     self.assertEqual(self.picture(dataset), expected)
     # The variable stands for the agent's flag, too.
@@ -268,6 +366,37 @@ class StoreServer:
   def close(self):
     self.server.shutdown()
     self.server.server_close()
+
+
+def write_vti(path, slope):
+  """A ball as appended raw data."""
+  dims = (40, 30, 20)
+  samples = bytes(
+      max(0, 255 - slope * int(math.dist((k, j, i), (10, 15, 20))))
+      for k, j, i in itertools.product(*map(range, reversed(dims))))
+  extent = ' '.join(f'0 {size - 1}' for size in dims)
+  with open(path, 'wb') as file:
+    file.write(f'<VTKFile type="ImageData" byte_order="LittleEndian" header_type="UInt64"><ImageData '
+               f'WholeExtent="{extent}" Origin="0 0 0" Spacing="1 1 1"><Piece Extent="{extent}"><PointData>'
+               '<DataArray Name="p" type="UInt8" format="appended" offset="0"/></PointData></Piece></ImageData>'
+               '<AppendedData encoding="raw">_'.encode('ascii'))
+    file.write(len(samples).to_bytes(8, 'little') + samples)
+    file.write(b'</AppendedData></VTKFile>')
+
+
+def write_zarr_steps(path, steps):
+  """Balls of other radii, in chunks of 1 x 16 x 16 x 16."""
+  os.makedirs(path)
+  side, chunk = 48, 16
+  with open(os.path.join(path, '.zarray'), 'w', encoding='ascii') as file:
+    json.dump({'zarr_format': 2, 'shape': [steps] + [side] * 3, 'chunks': [1] + [chunk] * 3, 'dtype': '|u1',
+               'order': 'C', 'compressor': None, 'filters': None, 'fill_value': 0}, file)
+  for t, z, y, x in itertools.product(range(steps), *[range(0, side, chunk)] * 3):
+    samples = bytes(
+        max(0, 255 - (8 + 2 * t) * int(math.dist((k, j, i), (24, 24, 24))))
+        for k, j, i in itertools.product(range(z, z + chunk), range(y, y + chunk), range(x, x + chunk)))
+    with open(os.path.join(path, f'{t}.{z // chunk}.{y // chunk}.{x // chunk}'), 'wb') as file:
+      file.write(samples)
 
 
 def write_zarr(path):

@@ -72,7 +72,7 @@ void WriteHdf5(Dice* dice, const std::string& path, const math::Index3& dims,
   testing::WriteHdf5Volume(path, volume, samples);
 }
 
-// A raw file, HDF5, or a Zarr array in chunks of any size; cropped, or with a stride, now and then.
+// A raw file, a VTK image, HDF5, or a Zarr array in chunks of any size; cropped, or with a stride, now and then.
 Source WriteSource(Dice* dice, const std::string& path) {
   const math::Index3 dims{dice->Whole(20, 60), dice->Whole(20, 50), dice->Whole(20, 50)};
   const bool is_noise = dice->OneIn(3);
@@ -87,6 +87,11 @@ Source WriteSource(Dice* dice, const std::string& path) {
   } else if (dice->OneIn(3)) {
     testing::WriteFile(path, samples);
     source.request.raw = {.dims = dims, .type = volume::ScalarType::kUint16};
+  } else if (dice->OneIn(4)) {
+    source.request.path = path + ".vti";
+    testing::WriteVti(source.request.path, dims, "UInt16", 1,
+                      dice->OneIn(2) ? 0 : static_cast<std::size_t>(dice->Whole(100, 40000)),
+                      samples);
   } else {
     testing::WriteZarr(path, dims, "<u2", 2,
                        {dice->Whole(3, 40), dice->Whole(3, 40), dice->Whole(3, 40)}, samples);
@@ -180,6 +185,84 @@ TEST(IndexOnlyTest, FramesAreThoseOfTheCopiedDataset) {
                                   Draw(copied.get(), &dice, seed, source.isovalue));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto found,
                                   Draw(index_only.get(), &dice, seed, source.isovalue));
+    for (std::size_t frame = 0; frame < expected.size(); ++frame) {
+      ASSERT_EQ(found[frame], expected[frame]) << "dataset " << i << ", frame " << frame;
+      different_pictures += frame > 0 && expected[frame] != expected[frame - 1] ? 1U : 0U;
+    }
+  }
+  EXPECT_GT(different_pictures, static_cast<std::size_t>(DatasetCount()));
+}
+
+// A frame of any volume, colored by another one at its step now and then.
+absl::StatusOr<std::vector<std::string>> DrawSeries(LocalCluster* cluster, Dice* dice,
+                                                    std::uint64_t seed,
+                                                    const store::SeriesManifest& series,
+                                                    double isovalue) {
+  ISOSCOPE_RETURN_IF_ERROR(cluster->Wake(testing::DrawLimits(dice)));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const volume::BlockLayout layout,
+      volume::BlockLayout::Make(series.geometry.sample_dims, series.block_cells));
+  const math::Box3d bounds = series.geometry.Bounds();
+  std::vector<std::string> pictures;
+  for (int i = 0; i < kFrames; ++i) {
+    if (i % 10 == 0) {
+      cluster->ForgetAll(dice->OneIn(2) ? LocalCluster::kAmpleCacheBytes : 0);
+    }
+    const std::uint64_t frame_seed = seed + static_cast<std::uint64_t>(i);
+    frame::FrameSpec spec = testing::RandomSpec(frame_seed, bounds, isovalue);
+    const store::ScalarVolume& volume = series.volumes[frame_seed % series.volumes.size()];
+    if (frame_seed % 3 == 0) {
+      const store::ScalarVolumeKey& other =
+          series.volumes[frame_seed / 3 % series.volumes.size()].key;
+      cluster->AddField("other", other.field, other.component);
+      spec.surfaces.front().color_by = frame::ColorBy{.quantity = frame::ColorBy::Quantity::kField,
+                                                      .range = frame::ColorRange{0, 100},
+                                                      .field = "other"};
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, cluster->Render(spec, volume.key));
+    ISOSCOPE_ASSIGN_OR_RETURN(const testing::Picture picture,
+                              testing::PictureOf(std::move(result), spec, layout, series.geometry));
+    const image::FrameImage& image = picture.image;
+    pictures.push_back(image::EncodePng(image.width, image.height, image.colors));
+  }
+  cluster->Sleep();
+  return pictures;
+}
+
+TEST(IndexOnlyTest, FramesOfASeriesAreThoseOfTheCopiedSeries) {
+  std::size_t different_pictures = 0;
+  for (int i = 0; i < DatasetCount(); ++i) {
+    Dice dice(testing::DrawSeed(absl::StrCat("series", i)));
+    const testing::TempDir dir;
+    const source::OpenRequest request = testing::WriteSeries(dir.Sub("s.zarr"), &dice);
+    partition::PartitionOptions options;
+    options.block_cells = {dice.Whole(3, 17), dice.Whole(3, 17), dice.Whole(3, 17)};
+    options.levels.highest = 0;
+    options.shard_count = static_cast<int>(dice.Whole(1, 3));
+    options.seed = dice.Bits();
+    options.output_directory = dir.Sub("index_only");
+    auto indexed = testing::CutSeries(request, options, true);
+    if (absl::IsInvalidArgument(indexed.status())) {  // fewer chunks or blocks than shards
+      options.shard_count = 1;
+      indexed = testing::CutSeries(request, options, true);
+    }
+    ISOSCOPE_ASSERT_OK(indexed.status());
+    options.output_directory = dir.Sub("copied");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
+                                  testing::CutSeries(request, options, false));
+    const store::OpenSamples open_samples = indexed::MakeSampleOpener({.allows_local_files = true});
+    // Now and then each volume is opened anew.
+    const std::size_t open_bytes = dice.OneIn(2) ? 1 : LocalCluster::kAmpleCacheBytes;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto copied, LocalCluster::OpenSeriesAsleep(dir.Sub("copied"), nullptr, open_bytes));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto index_only,
+        LocalCluster::OpenSeriesAsleep(dir.Sub("index_only"), nullptr, open_bytes, open_samples));
+    const std::uint64_t seed = dice.Bits() >> 8;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto expected,
+                                  DrawSeries(copied.get(), &dice, seed, series, 97.5));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto found,
+                                  DrawSeries(index_only.get(), &dice, seed, series, 97.5));
     for (std::size_t frame = 0; frame < expected.size(); ++frame) {
       ASSERT_EQ(found[frame], expected[frame]) << "dataset " << i << ", frame " << frame;
       different_pictures += frame > 0 && expected[frame] != expected[frame - 1] ? 1U : 0U;

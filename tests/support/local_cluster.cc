@@ -251,15 +251,16 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
 }
 
 absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenSeriesAsleep(
-    const std::string& dataset_directory, render::Renderer* renderer,
-    std::size_t open_volume_bytes) {
+    const std::string& dataset_directory, render::Renderer* renderer, std::size_t open_volume_bytes,
+    const store::OpenSamples& open_samples) {
   auto cluster = std::make_unique<LocalCluster>();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> directories,
                             store::ShardDirectoriesOf(dataset_directory));
   const auto open_volumes = std::make_shared<agent::OpenVolumes>(open_volume_bytes);
   for (const std::string& directory : directories) {
-    ISOSCOPE_ASSIGN_OR_RETURN(cluster->series_.emplace_back(),
-                              agent::SeriesShard::Open(directory, open_volumes));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        cluster->series_.emplace_back(),
+        agent::SeriesShard::Open(directory, open_volumes, store::OpenSeriesShard, open_samples));
   }
   cluster->given_renderer_ = renderer;
   cluster->ForgetAll(kAmpleCacheBytes);

@@ -57,7 +57,7 @@ class LocalCluster {
   // keep open.
   static absl::StatusOr<std::unique_ptr<LocalCluster>> OpenSeriesAsleep(
       const std::string& dataset_directory, render::Renderer* renderer,
-      std::size_t open_volume_bytes);
+      std::size_t open_volume_bytes, const store::OpenSamples& open_samples = nullptr);
 
   // Starts the threads. An error says that not all of them ran. REQUIRES: all clusters sleep.
   absl::Status Wake(const Limits& limits);

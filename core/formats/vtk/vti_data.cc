@@ -104,6 +104,10 @@ class PlainData final : public VtiData {
   absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) override {
     return bytes_.ReadAt(skipped_bytes_ + offset, size, out);
   }
+  [[nodiscard]] std::unique_ptr<VtiData> Again() const override {
+    return std::make_unique<PlainData>(bytes_, skipped_bytes_);
+  }
+  [[nodiscard]] std::optional<std::int64_t> block_bytes() const override { return 0; }
 
  private:
   const EncodedBytes bytes_;
@@ -172,16 +176,24 @@ const Compressor* FindCompressor(absl::string_view name) {
 
 class CompressedData final : public VtiData {
  public:
-  CompressedData(std::string path, const EncodedBytes& bytes, BlockTable blocks,
-                 const Compressor& compressor)
+  CompressedData(std::string path, const EncodedBytes& bytes,
+                 std::shared_ptr<const BlockTable> blocks, const Compressor& compressor)
       : path_(std::move(path)),
         bytes_(bytes),
-        blocks_(std::move(blocks)),
+        shared_blocks_(std::move(blocks)),
+        blocks_(*shared_blocks_),
         compressor_(compressor) {}
 
   [[nodiscard]] std::int64_t memory_bytes() const override {
     return 32 * base::kKiB + 2 * blocks_.block_bytes + compressor_.memory_bytes +
            static_cast<std::int64_t>(blocks_.offsets.size() * sizeof(std::int64_t));
+  }
+
+  [[nodiscard]] std::unique_ptr<VtiData> Again() const override {
+    return std::make_unique<CompressedData>(path_, bytes_, shared_blocks_, compressor_);
+  }
+  [[nodiscard]] std::optional<std::int64_t> block_bytes() const override {
+    return compressor_.memory_bytes > 0 ? std::nullopt : std::optional(blocks_.block_bytes);
   }
 
   absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) override {
@@ -222,7 +234,8 @@ class CompressedData final : public VtiData {
 
   const std::string path_;
   const EncodedBytes bytes_;  // of the blocks
-  const BlockTable blocks_;
+  const std::shared_ptr<const BlockTable> shared_blocks_;
+  const BlockTable& blocks_;
   const Compressor& compressor_;
   std::int64_t held_block_ = -1;
   std::vector<char> decoded_;
@@ -352,7 +365,8 @@ absl::StatusOr<std::unique_ptr<VtiData>> OpenCompressed(const std::string& path,
   const std::int64_t size_count = 3 + std::clamp<std::int64_t>(count[0], 0, kMaxBlocks);
   const EncodedBytes blocks = bytes.Behind(reader.BytesOf(size_count));
   ISOSCOPE_ASSIGN_OR_RETURN(BlockTable table, ReadBlockTable(reader, size, blocks.MaxSize()));
-  return std::make_unique<CompressedData>(path, blocks, std::move(table), compressor);
+  return std::make_unique<CompressedData>(
+      path, blocks, std::make_shared<const BlockTable>(std::move(table)), compressor);
 }
 
 absl::StatusOr<std::unique_ptr<VtiData>> OpenPlain(const VtiHeader& header,

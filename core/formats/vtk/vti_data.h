@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -25,6 +26,12 @@ class VtiData {
   // Memory while it is read: for compressed data one block as it is and decoded, 8 bytes a block,
   // and for LZMA 72 MiB.
   [[nodiscard]] virtual std::int64_t memory_bytes() const = 0;
+
+  // Returns a reader of the same bytes, for another thread.
+  [[nodiscard]] virtual std::unique_ptr<VtiData> Again() const = 0;
+  // The bytes of the blocks that are decoded as one; 0: they are read at any place. Not set: a reader
+  // takes so much memory, for LZMA, that there should be one only.
+  [[nodiscard]] virtual std::optional<std::int64_t> block_bytes() const = 0;
 };
 
 // Opens the array, which must have `size` bytes. `file` must outlive the result.

@@ -37,6 +37,8 @@
 #include "core/formats/vtk/vti_header.h"
 #include "core/io/file.h"
 #include "core/source/adapt/wide_source.h"
+#include "core/source/box_decoding.h"
+#include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/text_scanner.h"
 #include "core/source/bytes/text_source.h"
@@ -48,7 +50,7 @@ namespace {
 // tuple exceeds it.
 constexpr std::int64_t kTupleBytes = 64 * base::kKiB;
 
-class VtiSource final : public VolumeSource {
+class VtiSource final : public VolumeSource, public BoxDecoding {
  public:
   VtiSource(SourceInfo info, const VtiChoice& choice, bool is_big_endian,
             std::unique_ptr<io::RandomAccessFile> file, std::unique_ptr<VtiData> data)
@@ -62,36 +64,68 @@ class VtiSource final : public VolumeSource {
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = info().geometry.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
-    const std::int64_t begin = begin_row * dims.x;
-    const std::int64_t count = (end_row - begin_row) * dims.x;
+    return ReadSamples(begin_row * dims.x, (end_row - begin_row) * dims.x, data_.get(), &tuples_,
+                       out);
+  }
+
+  // Of blocks that are compressed, boxes are whole rows, and have the bytes of a block at least.
+  [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
+    const std::optional<std::int64_t> block_bytes = data_->block_bytes();
+    if (!block_bytes.has_value()) {
+      return std::nullopt;
+    }
+    if (*block_bytes == 0) {
+      return BoxGrid{.box_dims = kRowBoxDims};
+    }
+    const math::Index3& dims = info().geometry.sample_dims;
+    const std::int64_t rows = *block_bytes / (dims.x * tuple_bytes()) + 1;  // of a block
+    return BoxGrid{.box_dims = {dims.x, std::min(std::max(rows, kRowBoxDims.y), dims.y),
+                                std::min(std::max(rows / dims.y + 1, kRowBoxDims.z), dims.z)}};
+  }
+  // A block, as it is and decoded, has the components' bytes of a box at most.
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    return data_->block_bytes().value_or(0) == 0 ? 1 : components_;
+  }
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+    const std::unique_ptr<VtiData> data = data_->Again();
+    std::vector<char> tuples;
+    return ReadBoxRows(info().geometry.sample_dims, box, volume::SizeOf(info().type), out,
+                       [&](std::int64_t first, std::size_t count, char* samples) {
+                         return ReadSamples(first, static_cast<std::int64_t>(count), data.get(),
+                                            &tuples, samples);
+                       });
+  }
+
+ private:
+  // Reads samples from number `begin` on. tuples: a buffer
+  absl::Status ReadSamples(std::int64_t begin, std::int64_t count, VtiData* data,
+                           std::vector<char>* tuples, char* out) const {
     if (components_ == 1) {
-      ISOSCOPE_RETURN_IF_ERROR(data_->ReadAt(
-          begin * sample_bytes(), static_cast<std::size_t>(count * sample_bytes()), out));
+      ISOSCOPE_RETURN_IF_ERROR(data->ReadAt(begin * sample_bytes(),
+                                            static_cast<std::size_t>(count * sample_bytes()), out));
     } else {
-      ISOSCOPE_RETURN_IF_ERROR(ReadComponent(begin, count, out));
+      ISOSCOPE_RETURN_IF_ERROR(ReadComponent(begin, count, data, tuples, out));
     }
     if (is_big_endian_) {
       SwapBytes(volume::SizeOf(info().type), static_cast<std::size_t>(count), out);
     }
     return absl::OkStatus();
   }
-
- private:
   [[nodiscard]] std::int64_t sample_bytes() const {
     return static_cast<std::int64_t>(volume::SizeOf(info().type));
   }
   [[nodiscard]] std::int64_t tuple_bytes() const { return components_ * sample_bytes(); }
 
   // The component of `count` tuples from `begin` on.
-  absl::Status ReadComponent(std::int64_t begin, std::int64_t count, char* out) {
+  absl::Status ReadComponent(std::int64_t begin, std::int64_t count, VtiData* data,
+                             std::vector<char>* buffer, char* out) const {
     const std::int64_t tuples_at_once = std::max<std::int64_t>(kTupleBytes / tuple_bytes(), 1);
     const auto size = volume::SizeOf(info().type);
     while (count > 0) {
       const std::int64_t tuples = std::min(count, tuples_at_once);
-      tuples_.resize(static_cast<std::size_t>(tuples * tuple_bytes()));
-      ISOSCOPE_RETURN_IF_ERROR(
-          data_->ReadAt(begin * tuple_bytes(), tuples_.size(), tuples_.data()));
-      const char* from = tuples_.data() + component_ * sample_bytes();
+      buffer->resize(static_cast<std::size_t>(tuples * tuple_bytes()));
+      ISOSCOPE_RETURN_IF_ERROR(data->ReadAt(begin * tuple_bytes(), buffer->size(), buffer->data()));
+      const char* from = buffer->data() + component_ * sample_bytes();
       for (std::int64_t i = 0; i < tuples; ++i) {
         std::memcpy(out, from + i * tuple_bytes(), size);
         out += size;

@@ -13,6 +13,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/source/adapt/wide_source.h"
+#include "core/source/box_decoding.h"
 #include "core/source/chunks/chunk_cache.h"
 
 namespace isoscope::source {
@@ -35,7 +36,7 @@ std::int64_t LayerBytesOf(const ChunkedArrayInfo& array, const ZarrPart& part) {
   return std::min(bytes, kMaxZarrCacheBytes);
 }
 
-class ZarrSource final : public VolumeSource {
+class ZarrSource final : public VolumeSource, public BoxDecoding {
  public:
   ZarrSource(SourceInfo info, std::shared_ptr<const ChunkedArray> array, ZarrPart part,
              ZarrPacking packing, std::int64_t cache_bytes)
@@ -77,16 +78,20 @@ class ZarrSource final : public VolumeSource {
 
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
     const ChunkIndex& chunk = array_->info().chunk_dims;
-    for (std::size_t axis = 0; axis < chunk.size(); ++axis) {
-      const bool is_space =
-          std::find(part_.space.begin(), part_.space.end(), axis) != part_.space.end();
-      if (!is_space && chunk[axis] > 1) {
-        return std::nullopt;  // others' samples would be decoded along with each box
-      }
-    }
     return BoxGrid{
         .origin = {0, 0, 0},
         .box_dims = {chunk[part_.space[2]], chunk[part_.space[1]], chunk[part_.space[0]]}};
+  }
+  // Chunks of several channels or steps are decoded whole for each of them.
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    const ChunkIndex& chunk = array_->info().chunk_dims;
+    std::int64_t factor = 1;
+    for (std::size_t axis = 0; axis < chunk.size(); ++axis) {
+      const bool is_space =
+          std::find(part_.space.begin(), part_.space.end(), axis) != part_.space.end();
+      factor *= is_space ? 1 : chunk[axis];
+    }
+    return factor;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
     return ReadSpace(box, out, nullptr);

@@ -26,6 +26,7 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/box_decoding.h"
 #include "core/source/grid/affine_grid.h"
 #include "core/source/grid/straight_grid.h"
 
@@ -81,7 +82,7 @@ std::int64_t RunRows(const SourceInfo& volume) {
                                   volume.geometry.sample_dims.y);
 }
 
-class AdjustedSource final : public VolumeSource {
+class AdjustedSource final : public VolumeSource, public BoxDecoding {
  public:
   AdjustedSource(SourceInfo info, std::unique_ptr<VolumeSource> source, const SampleBox& box,
                  std::int64_t stride, std::optional<double> fill)
@@ -137,6 +138,7 @@ class AdjustedSource final : public VolumeSource {
     return grid;
   }
 
+  [[nodiscard]] std::int64_t decoding_factor() const override { return DecodingFactorOf(*source_); }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
     math::IndexBox whole;
     for (int axis = 0; axis < 3; ++axis) {

@@ -9,10 +9,13 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
 #include "core/base/check.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/box_decoding.h"
 
 namespace isoscope::source {
 namespace {
@@ -28,7 +31,7 @@ void AddSquares(std::size_t count, const char* samples, double* sums) {
 }
 
 template <typename T>
-void StoreRoots(std::size_t count, const double* sums, char* out) {
+void StoreRootsAs(std::size_t count, const double* sums, char* out) {
   for (std::size_t i = 0; i < count; ++i) {
     const double root = std::sqrt(sums[i]);
     base::StoreLittleEndian(
@@ -41,7 +44,7 @@ bool FitsFloat32(volume::ScalarType type) {
   return volume::SizeOf(type) <= 2 || type == volume::ScalarType::kFloat32;
 }
 
-class MagnitudeSource final : public VolumeSource {
+class MagnitudeSource final : public VolumeSource, public BoxDecoding {
  public:
   explicit MagnitudeSource(std::vector<std::unique_ptr<VolumeSource>> components)
       : VolumeSource(InfoOf(components)), components_(std::move(components)) {}
@@ -55,6 +58,42 @@ class MagnitudeSource final : public VolumeSource {
       out += rows * info().row_bytes();
       begin_row += rows;
     }
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
+    std::optional<BoxGrid> grid = components_.front()->box_grid();
+    for (const auto& component : components_) {
+      const std::optional<BoxGrid> other = component->box_grid();
+      if (!grid.has_value() || !other.has_value()) {
+        return std::nullopt;
+      }
+      for (int axis = 0; axis < 3; ++axis) {
+        if (other->box_dims[axis] > grid->box_dims[axis]) {
+          grid->box_dims[axis] = other->box_dims[axis];
+          grid->origin[axis] = other->origin[axis];
+        }
+      }
+    }
+    return grid;
+  }
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    std::int64_t factor = 1;
+    for (const auto& component : components_) {
+      factor = std::max(factor, DecodingFactorOf(*component));
+    }
+    return factor + 1;  // sums and samples beside what a component decodes
+  }
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
+    const auto count = static_cast<std::size_t>(math::Volume(box.dims()));
+    std::vector<double> sums(count);
+    std::vector<char> samples;
+    for (const auto& component : components_) {
+      samples.resize(count * volume::SizeOf(component->info().type));
+      ISOSCOPE_RETURN_IF_ERROR(component->ReadBox(box, samples.data()));
+      Add(component->info().type, count, samples.data(), sums.data());
+    }
+    StoreRoots(count, sums.data(), out);
     return absl::OkStatus();
   }
 
@@ -94,16 +133,21 @@ class MagnitudeSource final : public VolumeSource {
     for (const auto& component : components_) {
       samples_.resize(count * volume::SizeOf(component->info().type));
       ISOSCOPE_RETURN_IF_ERROR(component->ReadRows(begin_row, end_row, samples_.data()));
-      volume::VisitScalarType(component->info().type, [&]<typename T>() {
-        AddSquares<T>(count, samples_.data(), sums_.data());
-      });
+      Add(component->info().type, count, samples_.data(), sums_.data());
     }
-    if (info().type == volume::ScalarType::kFloat32) {
-      StoreRoots<float>(count, sums_.data(), out);
-    } else {
-      StoreRoots<double>(count, sums_.data(), out);
-    }
+    StoreRoots(count, sums_.data(), out);
     return absl::OkStatus();
+  }
+
+  static void Add(volume::ScalarType type, std::size_t count, const char* samples, double* sums) {
+    volume::VisitScalarType(type, [&]<typename T>() { AddSquares<T>(count, samples, sums); });
+  }
+  void StoreRoots(std::size_t count, const double* sums, char* out) const {
+    if (info().type == volume::ScalarType::kFloat32) {
+      StoreRootsAs<float>(count, sums, out);
+    } else {
+      StoreRootsAs<double>(count, sums, out);
+    }
   }
 
   const std::vector<std::unique_ptr<VolumeSource>> components_;
@@ -124,6 +168,26 @@ std::unique_ptr<VolumeSource> MakeMagnitudeSource(
     std::vector<std::unique_ptr<VolumeSource>> components) {
   ISOSCOPE_CHECK(!components.empty());
   return std::make_unique<MagnitudeSource>(std::move(components));
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenComponent(VolumeSeries& series, int field,
+                                                            int component, int step) {
+  const SourceField& named = series.info().field(field);
+  const auto count = static_cast<int>(named.components.size());
+  if (component < count) {
+    return series.Open(field, component, step);
+  }
+  std::vector<std::unique_ptr<VolumeSource>> components;
+  for (int i = 0; i < count; ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(components.emplace_back(), series.Open(field, i, step));
+    if (components.back()->info().geometry != components.front()->info().geometry) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(series.info().name, ": field \"", named.name, "\", component ",
+                       named.components[static_cast<std::size_t>(i)], ", step ", step,
+                       ": has another grid than the component before"));
+    }
+  }
+  return MakeMagnitudeSource(std::move(components));
 }
 
 }  // namespace isoscope::source

@@ -6,6 +6,9 @@
 #include <memory>
 #include <vector>
 
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "core/volume/scalar_type.h"
 
@@ -19,10 +22,17 @@ volume::ScalarType MagnitudeType(const std::vector<volume::ScalarType>& componen
 // root in double, rounded once to MagnitudeType. NaN, always the same bits, if a component is NaN;
 // infinite where the sum is more than a double holds. The info is that of
 // the first component beside the type; it is seekable if all are. Holds beside the components 256 Ki samples,
-// or one row. Errors of ReadRows are those of the components.
+// or one row. Boxes are read if all components can: those of the coarser grid on each axis. Errors of
+// reads are those of the components.
 // REQUIRES: at least one component; all of one grid.
 std::unique_ptr<VolumeSource> MakeMagnitudeSource(
     std::vector<std::unique_ptr<VolumeSource>> components);
+
+// Opens a component of a field at a step; the one behind the last of several is their magnitude.
+// Errors as VolumeSeries::Open. INVALID_ARGUMENT: components of a magnitude have other grids.
+// REQUIRES: indices in range.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenComponent(VolumeSeries& series, int field,
+                                                            int component, int step);
 
 }  // namespace isoscope::source
 

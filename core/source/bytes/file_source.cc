@@ -6,8 +6,7 @@
 // 3. With a slope or an intercept, samples are widened: the stored ones are read into the tail of
 //    the output, and rescaled from front to back (rescale.h).
 //
-// A box is read row by row by a reader of its own. Where the rows of a plane lie close together,
-// they are read at once, with what lies between them.
+// A box is read row by row (box_rows.h) by a reader of its own.
 //
 // An encoded file can only be read forwards. Reading before its position starts it over, so such
 // a source is not seekable. CheckFiles compares sizes at the start, where files show them.
@@ -31,6 +30,7 @@
 #include "core/io/file.h"
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/rescale.h"
+#include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/decoded_stream.h"
 #include "core/source/bytes/zip_file.h"
@@ -40,11 +40,6 @@ namespace {
 
 // The tuples read at once to pick one component; more only if a single tuple is larger.
 constexpr std::int64_t kStoredTupleBytes = 64 * base::kKiB;
-
-// The boxes of a file without chunks: rows so long that a read pays, and few samples around a block.
-constexpr math::Index3 kBoxDims{128, 32, 32};
-// Rows of a plane are read at once if that reads at most this many times their bytes.
-constexpr std::int64_t kMaxRowOverhead = 4;
 
 // The bytes that may stand before samples at the end of an encoded file, which are decoded to find
 // out.
@@ -230,36 +225,16 @@ class FileSource final : public VolumeSource {
   }
 
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override {
-    return location().is_encoded() ? std::nullopt : std::optional<BoxGrid>({.box_dims = kBoxDims});
+    return location().is_encoded() ? std::nullopt
+                                   : std::optional<BoxGrid>({.box_dims = kRowBoxDims});
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
-    const math::Index3& whole = info().geometry.sample_dims;
-    const math::Index3 dims = box.dims();
-    const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(info().type));
-    const std::int64_t row_bytes = dims.x * sample_bytes;
     StoredBytes stored = stored_.Again();
     std::vector<char> tuples;
-    std::vector<char> rows;
-    const bool is_dense = whole.x <= kMaxRowOverhead * dims.x;
-    for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
-      if (is_dense) {
-        rows.resize(static_cast<std::size_t>(((dims.y - 1) * whole.x + dims.x) * sample_bytes));
-        ISOSCOPE_RETURN_IF_ERROR(ReadSamples((z * whole.y + box.begin.y) * whole.x + box.begin.x,
-                                             rows.size() / static_cast<std::size_t>(sample_bytes),
-                                             &stored, &tuples, rows.data()));
-      }
-      for (std::int64_t y = 0; y < dims.y; ++y) {
-        if (is_dense) {
-          std::copy_n(rows.data() + y * whole.x * sample_bytes, row_bytes, out);
-        } else {
-          ISOSCOPE_RETURN_IF_ERROR(
-              ReadSamples((z * whole.y + box.begin.y + y) * whole.x + box.begin.x,
-                          static_cast<std::size_t>(dims.x), &stored, &tuples, out));
-        }
-        out += row_bytes;
-      }
-    }
-    return absl::OkStatus();
+    return ReadBoxRows(info().geometry.sample_dims, box, volume::SizeOf(info().type), out,
+                       [&](std::int64_t first, std::size_t count, char* samples) {
+                         return ReadSamples(first, count, &stored, &tuples, samples);
+                       });
   }
 
  private:

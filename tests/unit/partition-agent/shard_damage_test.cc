@@ -115,6 +115,19 @@ TEST_F(ShardDamagesTest, AFolderThatIsThereAgainIsNotDamaged) {
   EXPECT_TRUE(damages_.damages().empty());
 }
 
+TEST(ShardDamagesOfASourceTest, FoldersOfTheSourceAreNotTold) {
+  ShardDamages damages(/*hides_paths=*/true);
+  damages.AddShard(kFolder, "flow", 1, "/data/run/a.zarr");
+  const absl::Status told = damages.ForCaller(absl::PermissionDeniedError(
+      absl::StrCat(kFolder,
+                   "/step-1: its samples are in /data/run/a.zarr (/mnt/disk/a.zarr), 1/2: allow it "
+                   "with --allow-source /data/run/a.zarr=/mnt/b or https://host/a")));
+  EXPECT_THAT(told, StatusIs(absl::StatusCode::kDataLoss));
+  EXPECT_EQ(told.message(),
+            "dataset \"flow\", shard 1: step-1: its samples are in a.zarr (a.zarr), 1/2: allow it "
+            "with --allow-source a.zarr=b or https://host/a");
+}
+
 TEST(ShardDamagesOfOneProcessTest, APersonOfThisMachineReadsThePath) {
   ShardDamages damages(/*hides_paths=*/false);
   damages.AddShard(kFolder, "flow", 1);

@@ -27,6 +27,8 @@ namespace isoscope::indexed {
 namespace {
 
 using ::isoscope::testing::Cut;
+using ::isoscope::testing::CutParts;
+using ::isoscope::testing::CutSeries;
 using ::isoscope::testing::ReadBlocks;
 using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::StoredBlocks;
@@ -101,6 +103,18 @@ class SampleOpenerTest : public ::testing::Test {
     testing::WriteHdf5Volume(dir_.Sub("a.h5"), file, samples_);
     return {.path = dir_.Sub("a.h5")};
   }
+  // Of kinds that VTK has; `block_bytes` as for testing::WriteVti.
+  source::OpenRequest WriteVti(const math::Index3& dims, const Kind& kind,
+                               std::size_t block_bytes) {
+    const std::map<volume::ScalarType, std::string> names = {
+        {volume::ScalarType::kUint8, "UInt8"},
+        {volume::ScalarType::kInt16, "Int16"},
+        {volume::ScalarType::kUint16, "UInt16"},
+        {volume::ScalarType::kFloat32, "Float32"}};
+    samples_ = testing::SampleNoise(7, dims, kind.type, 100);
+    testing::WriteVti(dir_.Sub("a.vti"), dims, names.at(kind.type), 1, block_bytes, samples_);
+    return {.path = dir_.Sub("a.vti")};
+  }
   partition::PartitionOptions OptionsTo(const std::string& name) const {
     partition::PartitionOptions options;
     options.output_directory = dir_.Sub(name);
@@ -132,9 +146,13 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
     const math::Index3 dims{dice.Whole(4, 70), dice.Whole(4, 60), dice.Whole(4, 50)};
     const Kind kind = dice.OneOf(kKinds);
     const math::Index3 chunk{dice.Whole(1, 40), dice.Whole(1, 40), dice.Whole(1, 40)};
-    source::OpenRequest request = dice.OneIn(3)   ? WriteRaw(dims, kind)
-                                  : dice.OneIn(2) ? WriteHdf5(dims, kind, chunk, &dice)
-                                                  : WriteZarr(dims, kind, chunk);
+    source::OpenRequest request =
+        dice.OneIn(4)   ? WriteRaw(dims, kind)
+        : dice.OneIn(3) ? WriteHdf5(dims, kind, chunk, &dice)
+        : dice.OneIn(3)
+            ? WriteVti(dims, kind,
+                       dice.OneIn(2) ? 0 : static_cast<std::size_t>(dice.Whole(1, 40000)))
+            : WriteZarr(dims, kind, chunk);
     if (dice.OneIn(2)) {
       source::SampleBox& crop = request.crop.emplace();
       for (int axis = 0; axis < 3; ++axis) {
@@ -192,6 +210,161 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
       fs::remove_all(dir_.Sub(absl::StrCat(name, name[0] == 'a' ? "" : absl::StrCat(i))));
     }
   }
+}
+
+// Any fields, components, steps and chunks of several of these: blocks are those of the copy, and a
+// block is in the same shard in each volume. Parts give the same files.
+TEST_F(SampleOpenerTest, SeriesAreThoseOfTheCopyInOneProcessOrParts) {
+  testing::Dice dice(testing::DrawSeed());
+  constexpr int kDatasets = 25;
+  int volumes = 0;
+  for (int i = 0; i < kDatasets; ++i) {
+    SCOPED_TRACE(i);
+    const std::string path = dir_.Sub(absl::StrCat("s", i, ".zarr"));
+    source::OpenRequest request = testing::WriteSeries(path, &dice);
+    request.stride = dice.OneIn(4) ? 2 : 1;
+    if (dice.OneIn(4)) {
+      request.fields = {request.axes == "TZYX" ? "q"
+                        : request.axes.empty() ? "u"
+                                               : absl::StrCat("s", i)};
+    }
+    partition::PartitionOptions options = OptionsTo(absl::StrCat("copy", i));
+    options.block_cells = {dice.Whole(1, 12), dice.Whole(1, 12), dice.Whole(1, 5)};
+    options.levels.highest = 0;
+    options.seed = dice.Bits();
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest copied,
+                                  CutSeries(request, options, false));
+    options.output_directory = dir_.Sub(absl::StrCat("index", i));
+    options.shard_count = static_cast<int>(dice.Whole(1, 4));
+    auto indexed = CutSeries(request, options, true);
+    if (absl::IsInvalidArgument(indexed.status())) {  // fewer chunks or blocks than shards
+      options.shard_count = 1;
+      indexed = CutSeries(request, options, true);
+    }
+    ISOSCOPE_ASSERT_OK(indexed.status());
+    ASSERT_EQ(indexed->volumes.size(), copied.volumes.size());
+    SourceAccess access = kOwn;
+    access.max_bytes = std::size_t{64} << 20;
+    const store::OpenSamples open_samples = MakeSampleOpener(access);
+    std::map<volume::BlockId, std::size_t> shards;
+    for (const store::ScalarVolume& volume : copied.volumes) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const StoredBlocks expected,
+          ReadBlocks(dir_.Sub(absl::StrCat("copy", i)), copied, volume.key));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const StoredBlocks found,
+          ReadBlocks(options.output_directory, *indexed, volume.key, open_samples));
+      ASSERT_EQ(found.samples, expected.samples);
+      shards = shards.empty() ? found.shards : shards;
+      ASSERT_EQ(found.shards, shards);
+      ++volumes;
+    }
+    const std::map<std::string, std::string> whole = testing::FilesOf(options.output_directory);
+    options.output_directory = dir_.Sub(absl::StrCat("parts", i));
+    options.name = absl::StrCat("index", i);
+    ISOSCOPE_ASSERT_OK(CutParts(request, options, static_cast<int>(dice.Whole(1, 4))));
+    ASSERT_EQ(testing::FilesOf(options.output_directory), whole);
+    fs::remove_all(path);
+  }
+  EXPECT_GT(volumes, 2 * kDatasets);
+}
+
+TEST_F(SampleOpenerTest, PartsOfOneVolumeAreTheWhole) {
+  const source::OpenRequest request = WriteZarr({30, 20, 70}, kKinds[2], {8, 8, 8});
+  partition::PartitionOptions options = OptionsTo("d");
+  options.block_cells = {8, 8, 4};
+  options.shard_count = 3;
+  options.levels.highest = 1;
+  ISOSCOPE_ASSERT_OK(Cut(request, options, true).status());
+  options.output_directory = dir_.Sub("parts/d");
+  fs::create_directory(dir_.Sub("parts"));
+  ISOSCOPE_ASSERT_OK(CutParts(request, options, 4));
+  EXPECT_EQ(testing::FilesOf(dir_.Sub("parts/d")), testing::FilesOf(dir_.Sub("d")));
+  // A part of a copied dataset does not fit.
+  options.output_directory = dir_.Sub("mixed");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, source::OpenIdentified(request));
+  const auto cut = [&](int index) {
+    return partition::PartitionPart(
+               *series,
+               {.volume = options, .part = {.index = index, .count = 2}, .source_members = {}},
+               base::Cancellation())
+        .status();
+  };
+  ISOSCOPE_ASSERT_OK(cut(0));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(options.in_source.emplace().request, EncodeSourceRequest(request));
+  EXPECT_THAT(cut(1), StatusIs(absl::StatusCode::kFailedPrecondition,
+                               AllOf(HasSubstr("--index-only"), HasSubstr("a.zarr"))));
+}
+
+TEST_F(SampleOpenerTest, AStepThatChangedIsDataLoss) {
+  const std::string noise = testing::SampleNoise(5, {10, 10, 30}, volume::ScalarType::kUint8, 100);
+  testing::WriteZarrArray(dir_.Sub("t.zarr"), {3, 10, 10, 10}, "|u1", 1, {1, 10, 10, 10}, noise);
+  const source::OpenRequest request{.path = dir_.Sub("t.zarr"), .axes = "TZYX"};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
+                                CutSeries(request, OptionsTo("d"), true));
+  const store::OpenSamples open_samples = MakeSampleOpener(kOwn);
+  const auto read = [&](int step) {
+    return ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = step},
+                      open_samples)
+        .status();
+  };
+  ISOSCOPE_EXPECT_OK(read(0));
+  const std::string chunk = testing::ReadFile(dir_.Sub("t.zarr/1.0.0.0"));
+  fs::copy_file(dir_.Sub("t.zarr/2.0.0.0"), dir_.Sub("t.zarr/1.0.0.0"),
+                fs::copy_options::overwrite_existing);
+  EXPECT_THAT(read(1), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("t.zarr")));
+  ISOSCOPE_EXPECT_OK(read(2));
+  testing::WriteFile(dir_.Sub("t.zarr/1.0.0.0"), chunk);
+  ISOSCOPE_EXPECT_OK(read(1));
+  // Steps are fewer, or the field is another one.
+  fs::remove_all(dir_.Sub("t.zarr"));
+  testing::WriteZarrArray(dir_.Sub("t.zarr"), {2, 10, 10, 10}, "|u1", 1, {1, 10, 10, 10},
+                          noise.substr(0, 2000));
+  const store::OpenSamples anew = MakeSampleOpener(kOwn);
+  EXPECT_THAT(ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = 2}, anew),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("2 steps")));
+  ISOSCOPE_EXPECT_OK(
+      ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = 1}, anew).status());
+  // Nothing is appended, by copying or otherwise.
+  const auto source = source::OpenIdentified(request);
+  partition::PartitionOptions options = OptionsTo("d");
+  EXPECT_THAT(partition::AppendToSeries(**source, {.volume = options}, base::Cancellation()),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("index-only")));
+  options.in_source.emplace();
+  EXPECT_THAT(partition::AppendToSeries(**source, {.volume = options}, base::Cancellation()),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+// Chunks of several channels: what is decoded counts.
+TEST_F(SampleOpenerTest, ChunksOfManyChannelsAreMeasuredWhole) {
+  const std::int64_t channels = 5;
+  const std::string noise =
+      testing::SampleNoise(5, {64, 64, 64 * channels}, volume::ScalarType::kUint8, 100);
+  testing::WriteZarrArray(dir_.Sub("c.zarr"), {channels, 64, 64, 64}, "|u1", 1,
+                          {channels, 64, 64, 64}, noise);
+  const source::OpenRequest request{.path = dir_.Sub("c.zarr"), .axes = "TZYX"};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
+                                CutSeries(request, OptionsTo("d"), true));
+  SourceAccess access = kOwn;
+  const auto read = [&] {
+    return ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = 3},
+                      MakeSampleOpener(access))
+        .status();
+  };
+  access.max_bytes = (256 << 10) * 2 * 3 * channels;
+  ISOSCOPE_EXPECT_OK(read());
+  access.max_bytes -= 8;
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("1.2 MiB")));
+  // More than 64 MiB together.
+  fs::create_directory(dir_.Sub("h.zarr"));
+  testing::WriteFile(
+      dir_.Sub("h.zarr/.zarray"),
+      R"({"zarr_format": 2, "shape": [90, 128, 128, 64], "chunks": [90, 128, 128, 64],
+                         "dtype": "|u1", "order": "C", "fill_value": 0, "filters": null,
+                         "compressor": null})");
+  EXPECT_THAT(CutSeries({.path = dir_.Sub("h.zarr"), .axes = "TZYX"}, OptionsTo("e"), true),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("90 MiB"), HasSubstr("other channels or steps"))));
 }
 
 TEST_F(SampleOpenerTest, AChangedSourceIsDataLoss) {
@@ -331,6 +504,18 @@ TEST_F(SampleOpenerTest, OthersAreRefusedByName) {
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("a.nrrd"), HasSubstr("can't be indexed alone"))));
   EXPECT_FALSE(fs::exists(dir_.Sub("d")));
+  testing::WriteFile(
+      dir_.Sub("z.vti"),
+      "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\" header_type=\"UInt32\" "
+      "compressor=\"vtkLZMADataCompressor\"><ImageData WholeExtent=\"0 1 0 1 0 1\" Origin=\"0 0 "
+      "0\" "
+      "Spacing=\"1 1 1\"><Piece Extent=\"0 1 0 1 0 1\"><PointData><DataArray Name=\"u\" "
+      "type=\"UInt8\" format=\"appended\" offset=\"0\"/></PointData></Piece></ImageData>"
+      "<AppendedData encoding=\"raw\">_" +
+          std::string("\1\0\0\0\x8\0\0\0\0\0\0\0\x4\0\0\0abcd", 20) + "</AppendedData></VTKFile>");
+  EXPECT_THAT(Cut({.path = dir_.Sub("z.vti")}, OptionsTo("d"), true),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("z.vti"), HasSubstr("can't be indexed alone"))));
   // Not opened without a way to its source.
   const store::Manifest manifest = MakeSmall();
   EXPECT_THAT(ReadBlocks(dir_.Sub("d"), manifest),

@@ -1,5 +1,7 @@
 #include "core/indexed/source_request.h"
 
+#include <map>
+#include <optional>
 #include <string>
 
 #include "gmock/gmock.h"
@@ -53,6 +55,30 @@ TEST(SourceRequestTest, LeavesOutWhatTheManifestHas) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto address,
                                 EncodeSourceRequest({.path = "https://example.org/a.zarr"}));
   EXPECT_EQ(address.at("path"), "https://example.org/a.zarr");
+}
+
+TEST(SourceRequestTest, NamesAVolumeOfSeveral) {
+  std::map<std::string, std::string> members = {{"path", "/data/a.zarr"}};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::optional<SourceVolume> volume,
+                                DecodeSourceVolume(members, "d"));
+  EXPECT_EQ(volume, std::nullopt);
+  members["volume_field"] = "a\nb";
+  members["volume_component"] = "3";
+  members["volume_step"] = "17";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(volume, DecodeSourceVolume(members, "d"));
+  EXPECT_EQ(volume, (SourceVolume{.field = "a\nb", .component = 3, .step = 17}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const source::OpenRequest request,
+                                DecodeSourceRequest(members, "d"));
+  EXPECT_EQ(request.path, "/data/a.zarr");
+  for (const auto& [name, text] : std::map<std::string, std::string>{
+           {"volume_component", "-1"}, {"volume_component", "x"}, {"volume_step", ""}}) {
+    std::map<std::string, std::string> bad = members;
+    bad[name] = text;
+    EXPECT_THAT(DecodeSourceVolume(bad, "d"), StatusIs(absl::StatusCode::kDataLoss)) << name;
+  }
+  members.erase("volume_step");
+  EXPECT_THAT(DecodeSourceVolume(members, "d"),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("volume_step")));
 }
 
 TEST(SourceRequestTest, RefusesWhatIsNone) {

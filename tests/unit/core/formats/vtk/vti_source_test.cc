@@ -114,6 +114,33 @@ std::string FileBytes(const Vti& vti, const std::string& samples) {
       "</VTKFile>\n");
 }
 
+// A box of [z][y][x] samples.
+std::string CutOf(const std::string& samples, const math::Index3& dims, std::size_t size,
+                  const math::IndexBox& box) {
+  std::string cut;
+  for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+    for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
+      const auto at = static_cast<std::size_t>((z * dims.y + y) * dims.x + box.begin.x);
+      cut += samples.substr(at * size, static_cast<std::size_t>(box.dims().x) * size);
+    }
+  }
+  return cut;
+}
+
+// Boxes of a source of int16 are those of its samples, and its grid has some.
+void ExpectBoxesOf(const VolumeSource& source, const std::string& samples) {
+  const math::Index3& dims = source.info().geometry.sample_dims;
+  ASSERT_TRUE(source.box_grid().has_value());
+  for (const math::IndexBox& box :
+       {math::IndexBox{{0, 0, 0}, dims}, math::IndexBox{{2, 1, 3}, {3, 5, 7}},
+        math::IndexBox{{0, 2, 1}, {dims.x, 4, 3}}, math::IndexBox{{5, 0, 7}, {11, 6, 8}}}) {
+    const std::string expected = CutOf(samples, dims, 2, box);
+    std::string found(expected.size(), '\0');
+    ISOSCOPE_ASSERT_OK(source.ReadBox(box, found.data()));
+    EXPECT_TRUE(found == expected) << box.begin.x;
+  }
+}
+
 class VtiSourceTest : public ::testing::Test {
  protected:
   absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& bytes) {
@@ -145,6 +172,7 @@ TEST_F(VtiSourceTest, EveryWayToStoreAnArrayComesBackExactly) {
       ISOSCOPE_ASSERT_OK(source->ReadRows(begin, begin + 3, rows.data()));
       EXPECT_TRUE(rows == samples.substr(static_cast<std::size_t>(begin) * 26, 3 * 26));
     }
+    ExpectBoxesOf(*source, samples);
   }
 }
 
@@ -228,6 +256,7 @@ TEST_F(VtiSourceTest, CellsAndComponentsComeBackExactly) {
     for (int component = 0; component < 3; ++component) {
       const std::string path = absl::StrCat(dir_.Sub("v.vti"), ":u:", component);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+      ExpectBoxesOf(*source, samples[component]);
       EXPECT_EQ(source->info().name, path);
       EXPECT_EQ(source->info().geometry.sample_dims, cells);
       EXPECT_EQ(source->info().geometry.origin, (math::Vec3d{0.5, 0.5, 0.5}));
