@@ -44,6 +44,7 @@
 #include "core/io/file.h"
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/wide_source.h"
+#include "core/source/box_decoding.h"
 #include "core/source/bytes/file_source.h"
 #include "core/source/bytes/object_store.h"
 #include "core/source/bytes/sample_location.h"
@@ -252,7 +253,7 @@ std::optional<std::vector<CodecSpec>> CodecsOf(const Hdf5ChunkTable& table, std:
 
 using Arrays = std::map<std::uint32_t, std::unique_ptr<ChunkedArray>>;  // by skipped filters
 
-class ChunkBoxes final : public VolumeSource {
+class ChunkBoxes final : public VolumeSource, public BoxDecoding {
  public:
   ChunkBoxes(SourceInfo info, std::shared_ptr<const Hdf5ChunkTable> table, Arrays arrays)
       : VolumeSource(std::move(info)),
@@ -268,6 +269,16 @@ class ChunkBoxes final : public VolumeSource {
     const ChunkIndex& chunk = table_->chunk_dims;
     const auto& [z, y, x] = table_->space;
     return BoxGrid{.box_dims = {chunk[x], chunk[y], chunk[z]}};
+  }
+  // Chunks of several steps or components are decoded whole for each of them.
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    std::int64_t factor = 1;
+    for (std::size_t axis = 0; axis < table_->dims.size(); ++axis) {
+      const auto& space = table_->space;
+      const bool is_space = std::find(space.begin(), space.end(), axis) != space.end();
+      factor *= is_space ? 1 : table_->chunk_dims[axis];
+    }
+    return factor;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
     ChunkBox wanted{.begin = table_->start, .end = table_->start};
@@ -492,7 +503,7 @@ absl::StatusOr<BoxReaders> OpenReaders(const SourceInfo& info, const WalledDatas
   return readers;
 }
 
-class BoxedSource final : public VolumeSource {
+class BoxedSource final : public VolumeSource, public BoxDecoding {
  public:
   BoxedSource(std::unique_ptr<VolumeSource> rows, WalledDataset dataset)
       : VolumeSource(rows->info()), dataset_(std::move(dataset)), rows_(std::move(rows)) {}
@@ -513,6 +524,10 @@ class BoxedSource final : public VolumeSource {
     }
     const VolumeSource* const own = (*readers)->own.get();
     return own != nullptr ? own->box_grid() : (*readers)->library->box_grid();
+  }
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    const auto readers = Readers();
+    return readers.ok() && (*readers)->own != nullptr ? DecodingFactorOf(*(*readers)->own) : 1;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out) const override {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const BoxReaders> readers, Readers());
