@@ -109,7 +109,7 @@ inline void WriteVti(const std::string& path, const math::Index3& dims, const st
 // components.
 inline source::OpenRequest WriteSeries(const std::string& path, Dice* dice) {
   const math::Index3 dims{dice->Whole(4, 40), dice->Whole(4, 30), dice->Whole(4, 40)};
-  const std::int64_t steps = dice->Whole(1, 4);
+  const std::int64_t steps = dice->Whole(2, 4);  // one alone may be no series
   const auto noise = [&](std::int64_t volumes, volume::ScalarType type) {
     return SampleNoise(dice->Bits(), {dims.x, dims.y, dims.z * volumes}, type, 100);
   };
@@ -144,8 +144,9 @@ inline source::OpenRequest WriteSeries(const std::string& path, Dice* dice) {
     }
     const std::string samples = noise(steps * components, volume::ScalarType::kUint16);
     const std::string file = path + "/s.h5";
+    const std::string name = std::filesystem::path(path).stem();  // as that of the Zarr array
     const hid_t created = H5Fcreate(file.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
-    WriteHdf5Dataset(created, "s", {all.begin(), all.end()}, H5T_STD_U16LE, samples.data(),
+    WriteHdf5Dataset(created, name, {all.begin(), all.end()}, H5T_STD_U16LE, samples.data(),
                      dice->OneIn(4) ? std::vector<hsize_t>() : chunks);
     H5Fclose(created);
     return {.path = file, .axes = "TCZYX"};
