@@ -112,7 +112,7 @@ class Soak:
                       for path in (self.data / 'random.nrrd', big, odd)}
         self.datasets = {}
         zarr = make_zarr(self.data)
-        for source in [self.data / 'random.nrrd'] + ([zarr] if zarr else []):
+        for source in [self.data / 'random.nrrd'] + ([zarr] if zarr else []) + make_hdf5(self.data):
             dataset = self.folder / f'of-{source.name}'
             self.run('partition', source, '--output', dataset)
             self.datasets[source] = digest_of(dataset)
@@ -284,6 +284,29 @@ def make_zarr(folder):
     return path
 
 
+def make_hdf5(folder):
+    """A file of HDF5 with compressed chunks, and one as netCDF-4 writes it; none where python3-h5py is missing."""
+    try:
+        import h5py
+        import numpy
+    except ImportError:
+        return []
+    values = numpy.random.default_rng(4).integers(0, 30000, (60, 72, 80)).astype('<u2')
+    paths = [folder / 'random.h5', folder / 'random.nc']
+    for path in paths:
+        with h5py.File(path, 'w') as file:
+            file.create_dataset('u', data=values, chunks=(16, 24, 32), compression=1)
+            if path.suffix == '.nc':
+                file.attrs['_NCProperties'] = numpy.string_('version=2')
+                for axis, name in enumerate('zyx'):
+                    file[name] = numpy.arange(values.shape[axis]) * 2.0
+                    file[name].make_scale(name)
+                    file[name].attrs['units'] = 'm'
+                    file[name].attrs['axis'] = name.upper()
+                    file['u'].dims[axis].attach_scale(file[name])
+    return paths
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('bin_folder', help='folder of the program isoscope')
@@ -293,11 +316,13 @@ def main():
     parser.add_argument('--jobs', type=int, default=2, help='commands at once (default: 2)')
     parser.add_argument('--s3rver', default='', help='folder in which npm installed s3rver')
     parser.add_argument('--kinds', default='copy,copy,partition,info', help='commands to choose from (default: copy,copy,partition,info)')
+    parser.add_argument('--sources', default='', help='only datasets of names that contain this, as .h5')
     parser.add_argument('--errors', action='store_true', help='print examples of errors')
     given = parser.parse_args()
     seed = random.SystemRandom().randrange(10**9) if given.seed is None else given.seed
     with tempfile.TemporaryDirectory(prefix='remote-soak-') as folder:
         soak = Soak(given.bin_folder, folder, given.s3rver, given.chance, seed, given.kinds.split(','))
+        soak.datasets = {path: digest for path, digest in soak.datasets.items() if given.sources in path.name}
         try:
             with concurrent.futures.ThreadPoolExecutor(given.jobs) as pool:
                 number = 0

@@ -308,7 +308,15 @@ absl::Status FindObject(const Address& address, const RemoteOptions& options) {
   const std::string version = bytes->version();
   io::MountedFile file{.file = MakeCachedFile(bytes, path),
                        .version = absl::StrCat(version, DigestOf(address.query)),
-                       .tells_all = !version.empty()};
+                       .tells_all = !version.empty(),
+                       .read_pieces = [bytes](absl::Span<const io::FilePiece> pieces,
+                                              const base::Cancellation& cancellation) {
+                         std::vector<ByteRange> ranges;
+                         for (const io::FilePiece& piece : pieces) {
+                           ranges.push_back({piece.range.offset, piece.range.size, piece.out});
+                         }
+                         return bytes->ReadRanges(ranges, cancellation);
+                       }};
   Known& known = KnownOfProcess();
   const base::MutexLock lock(&known.mutex);  // both are of one request
   io::MountFile(std::move(file));

@@ -108,9 +108,6 @@ Series OpenAsNetcdf(const FileRequest& request) {
   if (!is_netcdf) {
     return nullptr;
   }
-  if (io::IsAddressText(request.file)) {
-    return NeedsWholeFile(request.file, "a file of netCDF");  // whose library knows no other files
-  }
   auto series = OpenNetcdfSeries(request.file, request.part, request.rules);
   if (absl::IsInvalidArgument(series.status()) && request.part.empty()) {
     return nullptr;
@@ -166,6 +163,9 @@ Files FilesOfHdf5(const FileRequest& request) {
 // netCDF-4 and MINC 2 are HDF5 files, which may link to others.
 Files FilesOfNetcdf(const FileRequest& request) {
   const absl::StatusOr<FileStart> start = ReadFileStart(request.file, 4);
+  if (io::IsAddressText(request.file)) {
+    return std::vector<std::string>{request.file};  // it leads to no other
+  }
   if (start.ok() && absl::StartsWith(start->bytes, "CDF")) {
     return std::vector<std::string>{request.file};
   }
@@ -630,6 +630,7 @@ const std::vector<Format>& Formats() {
        .has_field_names = true,
        .axes_for = "netCDF",
        .is_content = IsNetcdf,
+       .reads_addresses = true,
        .open =
            [](const FileRequest& r) { return OpenNetcdfSeries(r.file, r.part, r.rules, r.axes); },
        .find_files = FilesOfNetcdf},

@@ -5,16 +5,33 @@
 #ifndef ISOSCOPE_CORE_IO_MOUNTED_FILE_H_
 #define ISOSCOPE_CORE_IO_MOUNTED_FILE_H_
 
+#include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 
+#include "core/base/cancellation.h"
 #include "core/io/file.h"
 
 namespace isoscope::io {
+
+// Bytes [offset, offset + size) of a file.
+struct FileRange {
+  std::int64_t offset = 0;
+  std::size_t size = 0;
+};
+// They go to `out`, which has room for them.
+struct FilePiece {
+  FileRange range;
+  char* out = nullptr;
+};
 
 struct MountedFile {
   std::shared_ptr<const RandomAccessFile> file = {};
@@ -22,6 +39,13 @@ struct MountedFile {
   std::string version = {};
   // False: other bytes may have the same version.
   bool tells_all = true;
+  // Reads pieces at once, where the place allows it; errors as file->ReadAt, and CANCELLED. Null: they
+  // are read one after the other. Thread-safe.
+  std::function<absl::Status(absl::Span<const FilePiece>, const base::Cancellation&)> read_pieces =
+      {};
+  // Tells which ranges file->ReadAt will be asked for, each as a whole, in this order, so that they
+  // are fetched before. A wrong word costs time alone. Null: that helps nothing.
+  std::function<void(absl::Span<const FileRange>)> expect_reads = {};
 };
 
 // Makes file.file known under its path(), until the process ends or another file takes its place.

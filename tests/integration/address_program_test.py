@@ -19,6 +19,7 @@ import unittest
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 import skips  # noqa: E402
+from fault_proxy import FaultProxy, StrangerServer  # noqa: E402
 from object_server import ObjectServer  # noqa: E402
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
@@ -74,15 +75,29 @@ def write_zarr(path, samples):
           file.write(chunk)
 
 
-def write_hdf5(path, samples):
-  """A dataset in chunks. Returns false without h5py."""
+def write_hdf5(folder, samples):
+  """v.h5, a dataset in chunks and one without, and n.nc, as netCDF-4 writes it: packed. Returns false without h5py."""
   try:
     import h5py
     import numpy
   except ImportError:
     return False
-  with h5py.File(path, 'w') as file:
-    file.create_dataset('d', data=numpy.frombuffer(samples, 'u1').reshape(DIMS[::-1]), chunks=(9, 16, 7), compression=4)
+  values = numpy.frombuffer(samples, 'u1').reshape(DIMS[::-1])
+  with h5py.File(os.path.join(folder, 'v.h5'), 'w') as file:
+    file.create_dataset('d', data=values, chunks=(9, 16, 7), compression=4)
+    file.create_dataset('whole', data=values)
+  with h5py.File(os.path.join(folder, 'n.nc'), 'w') as file:
+    file.attrs['_NCProperties'] = numpy.string_('version=2,netcdf=4.9.0,hdf5=1.10.8')
+    file.create_dataset('u', data=values.astype('i2'), chunks=(8, 40, 24), compression=4)
+    for axis, name in enumerate('zyx'):
+      file[name] = numpy.arange(values.shape[axis]) * 0.5
+      file[name].make_scale(name)
+      file[name].attrs['units'] = 'm'
+      file[name].attrs['axis'] = name.upper()
+      file['u'].dims[axis].attach_scale(file[name])
+    file['u'].attrs['scale_factor'] = 0.5
+    file['u'].attrs['add_offset'] = -3.0
+    file['u'].attrs['_FillValue'] = numpy.int16(17)
   return True
 
 
@@ -148,8 +163,7 @@ class AddressTest(unittest.TestCase):
 
   def test_a_faulty_server_gives_the_bytes_of_the_disk(self):
     raw = ['--dims', ','.join(map(str, DIMS)), '--type', 'uint8']
-    sources = [('v.h5:/d', [])] if write_hdf5(self.path('served/v.h5'), self.samples) else []
-    sources += [('v.nrrd', []), ('v.raw', raw), ('run.zarr:a', []), ('run.zarr/a', [])]
+    sources = [('v.nrrd', []), ('v.raw', raw), ('run.zarr:a', []), ('run.zarr/a', [])]
     faults = 0
     for number, (source, flags) in enumerate(sources):
       local = self.partition(f'local{number}', self.path('served', source), *flags)
@@ -159,6 +173,74 @@ class AddressTest(unittest.TestCase):
           faults += server.fault_count
         self.assertEqual(local, remote, source)
     self.assertGreater(faults, 10)
+
+  def test_hdf5_and_netcdf_are_read_by_ranges(self):
+    if not write_hdf5(self.served, self.samples):
+      skips.skip('h5py', 'python3-h5py is not installed')
+    faults = 0
+    for source in ('v.h5:/d', 'v.h5:/whole', 'n.nc', 'n.nc:u'):
+      name = source.replace('/', '_')
+      local = self.partition('local' + name, self.path('served', source))
+      for seed in (1, 2):
+        with ObjectServer(self.served, faults=0.4, seed=seed) as server:
+          remote = self.partition(f'remote{name}{seed}', f'{server.origin}/{source}')
+          faults += server.fault_count
+        self.assertEqual(local, remote, source)
+      shutil.copy(self.path('served', source.split(':')[0]), self.path('served/bucket'))
+      with ObjectServer(self.served, is_s3=True) as server:
+        self.assertEqual(local, self.partition('s3' + name, 's3://bucket/' + source, **self.aws(server.origin)), source)
+      with ObjectServer(self.served, has_ranges=False) as server:
+        refused = self.isoscope('info', f'{server.origin}/{source}', check=False)
+        self.assertNotEqual(refused.returncode, 0)
+        self.assertIn('ranges', refused.stderr)
+    self.assertGreater(faults, 5)
+
+  def test_hdf5_from_a_server_that_does_wrong_is_an_error_or_right(self):
+    if not write_hdf5(self.served, self.samples):
+      skips.skip('h5py', 'python3-h5py is not installed')
+    local = {source: self.partition('local' + source[0], self.path('served', source)) for source in ('v.h5:/d', 'n.nc')}
+    stranger = StrangerServer()
+    self.addCleanup(stranger.close)
+    errors = faults = 0
+    with ObjectServer(self.served) as server:
+      for seed in range(10):
+        proxy = FaultProxy(('127.0.0.1', int(server.origin.rsplit(':', 1)[1])), 0.5, seed, stranger)
+        self.addCleanup(proxy.close)
+        source = ('v.h5:/d', 'n.nc')[seed % 2]
+        out = self.path(f'remote{seed}')
+        os.makedirs(out)
+        done = self.isoscope('partition', f'http://127.0.0.1:{proxy.port}/{source}', '-o', os.path.join(out, 'd'), *CUT,
+                             check=False)
+        faults += sum(proxy.counts.values())
+        if done.returncode == 0:
+          self.assertEqual(files_below(out), local[source], seed)
+        else:
+          errors += 1
+          self.assertIn(source.split(':')[0], done.stderr)
+          self.assertNotIn('damaged', done.stderr)
+    self.assertGreater(faults, 10)
+    self.assertGreater(errors, 0)
+
+  # What a stranger's server sends names no file of this machine, nor another address.
+  def test_hdf5_that_leads_to_other_files_is_refused(self):
+    if not write_hdf5(self.served, self.samples):
+      skips.skip('h5py', 'python3-h5py is not installed')
+    import h5py
+    raw = self.path('served/v.raw')
+    with h5py.File(self.path('served/other.h5'), 'w') as file:
+      file['link'] = h5py.ExternalLink('v.h5', '/d')
+      layout = h5py.VirtualLayout(shape=DIMS[::-1], dtype='u1')
+      layout[:] = h5py.VirtualSource('v.h5', '/d', shape=DIMS[::-1])
+      file.create_virtual_dataset('virtual', layout)
+      file.create_dataset('raw', shape=DIMS[::-1], dtype='u1', external=[(raw, 0, len(self.samples))])
+    with h5py.File(self.path('served/other.nc'), 'w') as file:
+      file.attrs['_NCProperties'] = 'version=2'
+      file.create_dataset('raw', shape=DIMS[::-1], dtype='u1', external=[(raw, 0, len(self.samples))])
+    with ObjectServer(self.served) as server:
+      for source in ('other.h5:/link', 'other.h5:/virtual', 'other.h5:/raw', 'other.nc', 'other.nc:raw'):
+        refused = self.isoscope('info', f'{server.origin}/{source}', check=False)
+        self.assertNotEqual(refused.returncode, 0, source)
+        self.assertIn('v.h5' if 'link' in source else 'in other files', refused.stderr, source)
 
   def test_pictures_are_cached_only_where_a_version_tells_all(self):
     with ObjectServer(self.served) as server:

@@ -18,6 +18,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/formats/hdf5/hdf5_dataset.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
@@ -138,7 +139,7 @@ absl::StatusOr<std::vector<double>> Hdf5ScaleValues(hid_t scale, std::int64_t co
         "its scale \"%s\" has another length than the axis, %d", Hdf5ScaleName(scale), count));
   }
   std::vector<double> values(static_cast<std::size_t>(count));
-  if (H5Dread(scale, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) {
+  if (ReadWholeHdf5(scale, H5T_NATIVE_DOUBLE, values.data()) < 0) {
     return absl::DataLossError(absl::StrFormat("its scale \"%s\" can't be read: %s",
                                                Hdf5ScaleName(scale), LastHdf5Error()));
   }

@@ -22,18 +22,19 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
-#include "oneapi/tbb/parallel_for.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/check.h"
@@ -43,6 +44,7 @@
 #include "core/io/file.h"
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/wide_source.h"
+#include "core/source/box_decoding.h"
 #include "core/source/bytes/file_source.h"
 #include "core/source/bytes/object_store.h"
 #include "core/source/bytes/sample_location.h"
@@ -139,17 +141,33 @@ class TableStore final : public ObjectStore {
  public:
   TableStore(std::unique_ptr<io::RandomAccessFile> file,
              std::shared_ptr<const Hdf5ChunkTable> table)
-      : file_(std::move(file)), table_(std::move(table)), is_far_(io::IsMounted(file_->path())) {}
+      : file_(std::move(file)), table_(std::move(table)) {
+    const auto mounted = io::FindMounted(file_->path());
+    read_pieces_ = mounted.has_value() ? mounted->read_pieces : nullptr;
+  }
 
   [[nodiscard]] std::vector<absl::StatusOr<std::string>> Read(
       absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation) const override {
-    std::vector<absl::StatusOr<std::string>> answers(reads.size(), std::string());
-    if (is_far_ && reads.size() > 1) {
-      tbb::parallel_for(std::size_t{0}, reads.size(),
-                        [&](std::size_t i) { answers[i] = ReadOne(reads[i], cancellation); });
-    } else {
-      for (std::size_t i = 0; i < reads.size(); ++i) {
-        answers[i] = ReadOne(reads[i], cancellation);
+    std::vector<absl::StatusOr<std::string>> answers;
+    std::vector<io::FilePiece> pieces;
+    for (const ObjectRead& read : reads) {
+      const absl::StatusOr<Hdf5TableChunk> chunk = ChunkOf(read);
+      answers.push_back(chunk.ok() ? absl::StatusOr<std::string>(std::string(chunk->size, '\0'))
+                                   : chunk.status());
+      if (chunk.ok()) {
+        pieces.push_back({.range = {.offset = chunk->offset, .size = chunk->size}});
+      }
+    }
+    auto piece = pieces.begin();
+    for (absl::StatusOr<std::string>& answer : answers) {
+      if (answer.ok()) {
+        piece++->out = answer->data();
+      }
+    }
+    const absl::Status status = ReadPieces(pieces, cancellation);
+    for (absl::StatusOr<std::string>& answer : answers) {
+      if (!status.ok() && answer.ok()) {
+        answer = status;
       }
     }
     return answers;
@@ -161,9 +179,7 @@ class TableStore final : public ObjectStore {
   [[nodiscard]] const std::string& name() const override { return file_->path(); }
 
  private:
-  [[nodiscard]] absl::StatusOr<std::string> ReadOne(const ObjectRead& read,
-                                                    const base::Cancellation& cancellation) const {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  [[nodiscard]] absl::StatusOr<Hdf5TableChunk> ChunkOf(const ObjectRead& read) const {
     absl::string_view number = read.key;
     std::size_t i = 0;
     ISOSCOPE_CHECK(absl::ConsumePrefix(&number, kChunkKey) && absl::SimpleAtoi(number, &i) &&
@@ -175,14 +191,28 @@ class TableStore final : public ObjectStore {
     if (static_cast<std::int64_t>(chunk.size) > read.max_size) {
       return absl::ResourceExhaustedError(absl::StrCat("has ", chunk.size, " bytes"));
     }
-    std::string bytes(chunk.size, '\0');
-    ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(chunk.offset, bytes.size(), bytes.data()));
-    return bytes;
+    return chunk;
+  }
+
+  // At an address all at once.
+  [[nodiscard]] absl::Status ReadPieces(const std::vector<io::FilePiece>& pieces,
+                                        const base::Cancellation& cancellation) const {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    if (read_pieces_ != nullptr && !pieces.empty()) {
+      return read_pieces_(pieces, cancellation);
+    }
+    for (const io::FilePiece& piece : pieces) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+      ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(piece.range.offset, piece.range.size, piece.out));
+    }
+    return absl::OkStatus();
   }
 
   const std::unique_ptr<io::RandomAccessFile> file_;
   const std::shared_ptr<const Hdf5ChunkTable> table_;
-  const bool is_far_;  // at an address
+  // Null: pieces are read one after the other.
+  std::function<absl::Status(absl::Span<const io::FilePiece>, const base::Cancellation&)>
+      read_pieces_;
 };
 
 std::uint32_t MaskOf(const Hdf5ChunkTable& table) {
@@ -226,7 +256,7 @@ std::optional<std::vector<CodecSpec>> CodecsOf(const Hdf5ChunkTable& table, std:
 
 using Arrays = std::map<std::uint32_t, std::unique_ptr<ChunkedArray>>;  // by skipped filters
 
-class ChunkBoxes final : public VolumeSource {
+class ChunkBoxes final : public VolumeSource, public BoxDecoding {
  public:
   ChunkBoxes(SourceInfo info, std::shared_ptr<const Hdf5ChunkTable> table, Arrays arrays)
       : VolumeSource(std::move(info)),
@@ -242,6 +272,16 @@ class ChunkBoxes final : public VolumeSource {
     const ChunkIndex& chunk = table_->chunk_dims;
     const auto& [z, y, x] = table_->space;
     return BoxGrid{.box_dims = {chunk[x], chunk[y], chunk[z]}};
+  }
+  // Chunks of several steps or components are decoded whole for each of them.
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    std::int64_t factor = 1;
+    for (std::size_t axis = 0; axis < table_->dims.size(); ++axis) {
+      const auto& space = table_->space;
+      const bool is_space = std::find(space.begin(), space.end(), axis) != space.end();
+      factor *= is_space ? 1 : table_->chunk_dims[axis];
+    }
+    return factor;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
@@ -445,7 +485,9 @@ absl::StatusOr<BoxReaders> OpenReaders(const SourceInfo& info, const WalledDatas
     if (texts.empty() && table.dims.empty()) {
       break;
     }
-    if (!AddHdf5Chunks(texts, &table, &is_complete)) {
+    // What an address sends leads to no file of this machine.
+    if (!AddHdf5Chunks(texts, &table, &is_complete) ||
+        (io::IsAddressText(dataset.path) && !absl::StartsWith(dataset.path, table.file))) {
       return NoSense(info);
     }
   }
@@ -464,7 +506,7 @@ absl::StatusOr<BoxReaders> OpenReaders(const SourceInfo& info, const WalledDatas
   return readers;
 }
 
-class BoxedSource final : public VolumeSource {
+class BoxedSource final : public VolumeSource, public BoxDecoding {
  public:
   BoxedSource(std::unique_ptr<VolumeSource> rows, WalledDataset dataset)
       : VolumeSource(rows->info()), dataset_(std::move(dataset)), rows_(std::move(rows)) {}
@@ -485,6 +527,10 @@ class BoxedSource final : public VolumeSource {
     }
     const VolumeSource* const own = (*readers)->own.get();
     return own != nullptr ? own->box_grid() : (*readers)->library->box_grid();
+  }
+  [[nodiscard]] std::int64_t decoding_factor() const override {
+    const auto readers = Readers();
+    return readers.ok() && (*readers)->own != nullptr ? DecodingFactorOf(*(*readers)->own) : 1;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {

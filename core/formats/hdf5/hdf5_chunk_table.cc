@@ -15,7 +15,8 @@
 //
 // A list of chunks that does not fit into one answer goes on in the next one, which has the last line
 // alone. A dataset is "other" if its elements are not numbers of all their bits, if it lies in other
-// files, if nothing was written to it, or if its chunks have several steps or components.
+// files, or if nothing was written to it. Chunks may have several steps or components: those that have
+// the volume's are listed.
 
 #include "core/formats/hdf5/hdf5_chunk_table.h"
 
@@ -153,7 +154,11 @@ class ChunkList {
  private:
   // The first element of a chunk of the volume.
   [[nodiscard]] std::vector<hsize_t> CornerOf(const std::array<std::int64_t, 3>& chunk) const {
-    std::vector<hsize_t> corner(table_.start.begin(), table_.start.end());
+    std::vector<hsize_t> corner(table_.start.size());
+    for (std::size_t axis = 0; axis < corner.size(); ++axis) {
+      const std::int64_t size = table_.chunk_dims[axis];
+      corner[axis] = static_cast<hsize_t>(table_.start[axis] / size * size);
+    }
     for (std::size_t i = 0; i < 3; ++i) {
       const std::size_t axis = table_.space[i];
       corner[axis] = static_cast<hsize_t>(chunk[i] * table_.chunk_dims[axis]);
@@ -174,17 +179,6 @@ class ChunkList {
   const Hdf5ChunkTable& table_;
   const bool are_edges_plain_;  // chunks that reach beyond the dataset have no filters
 };
-
-// True if all chunks of the volume have its own elements alone.
-bool HasOwnChunks(const Hdf5ChunkTable& table) {
-  for (std::size_t axis = 0; axis < table.dims.size(); ++axis) {
-    if (std::find(table.space.begin(), table.space.end(), axis) == table.space.end() &&
-        table.chunk_dims[axis] != 1) {
-      return false;
-    }
-  }
-  return true;
-}
 
 // ---- The parent. --------------------------------------------------------------------------------
 
@@ -307,7 +301,7 @@ bool MakesSense(const Hdf5ChunkTable& table) {
   if (table.layout != Hdf5Storage::kChunks) {
     return table.chunks.empty();
   }
-  return !table.chunk_dims.empty() && HasOwnChunks(table) &&
+  return !table.chunk_dims.empty() &&
          (table.fill.empty() || table.fill.size() == SizeOf(table.type.type));
 }
 
@@ -349,7 +343,7 @@ absl::StatusOr<std::vector<std::string>> ListHdf5Chunks(const NamedHdf5Dataset& 
           absl::StrCat(name, ": its chunks can't be read: ", LastHdf5Error()));
     }
     table.chunk_dims.assign(chunk.begin(), chunk.end());
-    if (!numpy_type.empty() && HasOwnChunks(table)) {
+    if (!numpy_type.empty()) {
       table.layout = Hdf5Storage::kChunks;
     }
   }

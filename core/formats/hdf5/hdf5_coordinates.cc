@@ -31,6 +31,7 @@
 #include "core/formats/hdf5/hdf5_mesh.h"
 #include "core/formats/hdf5/nexus_data.h"
 #include "core/source/grid/sample_distance.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_handle.h"
 #include "hdf5.h"
 
@@ -70,7 +71,7 @@ absl::Status TakeCoordinates(hid_t dataset, CfAxis* axis) {
   }
   axis->is_single = kind == H5T_FLOAT && H5Tget_size(stored.get()) <= sizeof(float);
   axis->values.resize(static_cast<std::size_t>(dims[0]));
-  if (H5Dread(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, axis->values.data()) < 0) {
+  if (ReadWholeHdf5(dataset, H5T_NATIVE_DOUBLE, axis->values.data()) < 0) {
     return absl::DataLossError(
         absl::StrFormat("its coordinates \"%s\" can't be read: %s", axis->name, LastHdf5Error()));
   }

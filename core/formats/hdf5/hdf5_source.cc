@@ -11,7 +11,7 @@
 //
 // The cache makes rows cheap. Chunks are compressed whole, and rows are read in ascending order, so
 // a chunk of 32 x 32 x 32 samples is needed for 32 planes. A layer has all chunks of the same z. If
-// it fits into the cache (32 MiB), it is decoded once; else it is decoded again for each run of
+// it fits into the cache (32 MiB; 128 MiB of a far file), it is decoded once; else it is decoded again for each run of
 // rows.
 //
 // Rows [begin, end) are at most three boxes: the rest of a plane, whole planes, the start of a
@@ -38,9 +38,11 @@
 #include "core/formats/hdf5/hdf5_series.h"
 #include "core/formats/hdf5/hdf5_storage.h"
 #include "core/formats/hdf5/nexus_data.h"
+#include "core/io/mounted_file.h"
 #include "core/source/child/walled_source.h"
 #include "core/source/grid/axis_order.h"
 #include "core/source/hdf5/hdf5_handle.h"
+#include "core/source/hdf5/hdf5_read_ahead.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
@@ -66,7 +68,9 @@ class Hdf5Source final : public VolumeSource {
         start_(std::move(start)),
         axes_(axes),
         file_(std::move(file)),
-        dataset_(std::move(dataset)) {}
+        dataset_(std::move(dataset)),
+        read_ahead_(dataset_.get(), start_, CountsOf(start_.size(), axes, geometry), axes.z,
+                    cache_bytes) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = info().geometry.sample_dims;
@@ -89,6 +93,15 @@ class Hdf5Source final : public VolumeSource {
   }
 
  private:
+  static std::vector<hsize_t> CountsOf(std::size_t rank, const AxisOrder& axes,
+                                       const volume::GridGeometry& geometry) {
+    std::vector<hsize_t> counts(rank, 1);
+    counts[axes.z] = static_cast<hsize_t>(geometry.sample_dims.z);
+    counts[axes.y] = static_cast<hsize_t>(geometry.sample_dims.y);
+    counts[axes.x] = static_cast<hsize_t>(geometry.sample_dims.x);
+    return counts;
+  }
+
   absl::Status ReadPlanes(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
                           char* out) {
     std::vector<hsize_t> start = start_;
@@ -98,6 +111,7 @@ class Hdf5Source final : public VolumeSource {
     count[axes_.z] = static_cast<hsize_t>(planes);
     count[axes_.y] = static_cast<hsize_t>(rows);
     count[axes_.x] = static_cast<hsize_t>(info().geometry.sample_dims.x);
+    read_ahead_.BeforePlanes(z, z + planes);
     // The library leaves memory as it is where nothing was written and no fill value is defined.
     std::fill_n(out, planes * rows * info().row_bytes(), '\0');
     const Hdf5Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
@@ -120,12 +134,13 @@ class Hdf5Source final : public VolumeSource {
   const AxisOrder axes_;
   const Hdf5Handle file_;
   const Hdf5Handle dataset_;
+  Hdf5ReadAhead read_ahead_;
 };
 
 // Bytes of chunk cache: a layer of chunks. 0 for a dataset without chunks.
 absl::StatusOr<std::int64_t> ChunkCacheBytes(hid_t dataset, const std::vector<std::int64_t>& dims,
                                              const AxisOrder& axes, std::size_t sample_size,
-                                             const std::string& name) {
+                                             std::int64_t max_bytes, const std::string& name) {
   const Hdf5Handle properties(H5Dget_create_plist(dataset), H5Pclose);
   if (H5Pget_layout(properties.get()) != H5D_CHUNKED) {
     return 0;
@@ -149,9 +164,8 @@ absl::StatusOr<std::int64_t> ChunkCacheBytes(hid_t dataset, const std::vector<st
         name, chunk_bytes, kMaxChunkBytes));
   }
   const double layer_bytes = chunk_bytes * chunks;
-  return std::max(
-      static_cast<std::int64_t>(chunk_bytes),
-      static_cast<std::int64_t>(std::min(layer_bytes, static_cast<double>(kMaxChunkCacheBytes))));
+  return std::max(static_cast<std::int64_t>(chunk_bytes),
+                  static_cast<std::int64_t>(std::min(layer_bytes, static_cast<double>(max_bytes))));
 }
 
 absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
@@ -194,9 +208,14 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
   }
+  const bool is_far = io::IsMounted(named.parts.file);
+  if (is_far) {
+    ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(dataset.get(), name).status());  // other files of it
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::int64_t cache_bytes,
-      ChunkCacheBytes(dataset.get(), dims, axes, volume::SizeOf(type.scalar), name));
+      ChunkCacheBytes(dataset.get(), dims, axes, volume::SizeOf(type.scalar),
+                      is_far ? kFarChunkCacheBytes : kMaxChunkCacheBytes, name));
   if (cache_bytes > 0) {
     const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
     // A prime number of slots, far more than chunks; chunks that were read whole go first.

@@ -21,6 +21,7 @@
 #include "core/formats/hdf5/hdf5_dataset.h"
 #include "core/formats/hdf5/hdf5_mesh.h"
 #include "core/source/bytes/located_series.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/series_parts.h"
 #include "hdf5.h"
 
@@ -41,8 +42,8 @@ absl::StatusOr<std::array<double, N>> ReadItkNumbers(hid_t image, const char* na
     count = size > static_cast<std::int64_t>(N) ? 0 : count * size;
   }
   std::array<double, N> numbers{};
-  if (count != static_cast<std::int64_t>(N) || H5Dread(dataset.get(), H5T_NATIVE_DOUBLE, H5S_ALL,
-                                                       H5S_ALL, H5P_DEFAULT, numbers.data()) < 0) {
+  if (count != static_cast<std::int64_t>(N) ||
+      ReadWholeHdf5(dataset.get(), H5T_NATIVE_DOUBLE, numbers.data()) < 0) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "an ITK image whose %s/%s has not the %d numbers of a volume", kItkGroup, name, N));
   }

@@ -28,6 +28,7 @@
 #include "core/base/status_macros.h"
 #include "core/formats/hdf5/hdf5_attributes.h"
 #include "core/formats/hdf5/hdf5_mesh.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_handle.h"
 
 namespace isoscope::source {
@@ -105,8 +106,7 @@ absl::StatusOr<double> NumberInDataset(hid_t group, const std::string& name, dou
   double number = 0;
   if ((kind != H5T_INTEGER && kind != H5T_FLOAT) ||
       H5Sget_simple_extent_npoints(space.get()) != 1 ||
-      H5Dread(dataset.get(), H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, &number) < 0 ||
-      !std::isfinite(number)) {
+      ReadWholeHdf5(dataset.get(), H5T_NATIVE_DOUBLE, &number) < 0 || !std::isfinite(number)) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "its group has \"%s\", which is not one finite number; expected a scale of the values: "
         "correct it, or remove it",

@@ -22,6 +22,7 @@
 #include "core/formats/hdf5/hdf5_mesh.h"
 #include "core/source/bytes/located_series.h"
 #include "core/source/grid/vtk_extent.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_handle.h"
 #include "core/source/series_parts.h"
 #include "hdf5.h"
@@ -102,7 +103,7 @@ absl::StatusOr<std::vector<std::int64_t>> ReadVtkHdfOffsets(hid_t root, const st
                         "where step i is number i of the array",
                         path, dims.empty() ? "no" : absl::StrJoin(dims, " x "), count));
   }
-  if (H5Dread(dataset.get(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, offsets.data()) < 0) {
+  if (ReadWholeHdf5(dataset.get(), H5T_NATIVE_INT64, offsets.data()) < 0) {
     return absl::DataLossError(absl::StrFormat("its %s can't be read: %s", path, LastHdf5Error()));
   }
   return offsets;

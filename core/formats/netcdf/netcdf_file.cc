@@ -21,7 +21,9 @@
 #include "core/base/status_macros.h"
 #include "core/formats/netcdf/netcdf_classic.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/grid/cf_words.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_file.h"
 #include "core/source/hdf5/hdf5_path.h"
 #include "netcdf.h"
@@ -403,13 +405,24 @@ absl::StatusOr<std::unique_ptr<NetcdfFile>> NetcdfFile::Open(const std::string& 
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckClassicNetcdfLength(path));
+  const bool is_far = io::IsMounted(path);
   if (IsHdf5File(path)) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        OpenHdf5File(path).status());  // says more than netCDF of a lock or a cut
+    ISOSCOPE_ASSIGN_OR_RETURN(const Hdf5Handle file,
+                              OpenHdf5File(path));  // says more than netCDF of a lock or a cut
+    ISOSCOPE_RETURN_IF_ERROR(CheckFarHdf5Objects(file.get(), path));
+  } else if (is_far) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path,
+                     ": a classic file of netCDF at an address needs the whole file; bring it "
+                     "with: isoscope copy ",
+                     path));
   }
   int id = 0;
   // With "./" no path looks like an address, which the library would fetch.
-  const std::string local = path.front() == '/' ? path : absl::StrCat("./", path);
+  std::string local = path.front() == '/' ? path : absl::StrCat("./", path);
+  if (is_far) {
+    ISOSCOPE_ASSIGN_OR_RETURN(local, StandInForFarHdf5(path));
+  }
   const int status = nc_open(local.c_str(), NC_NOWRITE, &id);
   if (status != NC_NOERR) {
     return absl::InvalidArgumentError(absl::StrCat(

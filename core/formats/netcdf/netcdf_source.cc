@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,7 +20,11 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/mounted_file.h"
+#include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_filters.h"
+#include "core/source/hdf5/hdf5_handle.h"
+#include "core/source/hdf5/hdf5_read_ahead.h"
 #include "netcdf.h"
 #include "netcdf_filter.h"
 
@@ -28,6 +33,7 @@ namespace {
 
 constexpr std::int64_t kMaxNetcdfCacheBytes = 32 * base::kMiB;
 constexpr std::int64_t kMaxNetcdfChunkBytes = 256 * base::kMiB;
+constexpr std::size_t kNetcdfSlots = 12421;  // of that cache: a prime, far more than chunks
 constexpr std::int64_t kNetcdfBufferBytes = 4 * base::kMiB;
 
 // `in` may be the tail of `out`: every value is read before it is overwritten.
@@ -59,7 +65,11 @@ class NetcdfSource final : public VolumeSource {
         file_(std::move(file)),
         variable_(std::move(variable)),
         packing_(std::move(packing)),
-        start_(std::move(start)) {}
+        start_(std::move(start)) {
+    if (io::IsMounted(file_->path())) {
+      PrepareReadAhead(cache_bytes);
+    }
+  }
 
   [[nodiscard]] bool is_plain() const { return packing_.is_plain(); }
 
@@ -98,6 +108,26 @@ class NetcdfSource final : public VolumeSource {
     }
   }
 
+  // Opens the variable's dataset once more: the library opens each object once for all, so that its
+  // cache of chunks must be that of netCDF.
+  void PrepareReadAhead(std::int64_t cache_bytes) {
+    const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+    H5Pset_chunk_cache(access.get(), kNetcdfSlots, static_cast<std::size_t>(cache_bytes), 1.0);
+    far_file_ = OpenHdf5ToRead(file_->path());
+    far_dataset_ =
+        Hdf5Handle(H5Dopen2(far_file_.get(), variable_.name.c_str(), access.get()), H5Dclose);
+    if (!far_dataset_.is_valid()) {
+      return;  // under another name, or in no HDF5 file
+    }
+    std::vector<hsize_t> counts(start_.size(), 1);
+    const math::Index3& dims = info().geometry.sample_dims;
+    counts[variable_.roles.space[0]] = static_cast<hsize_t>(dims.z);
+    counts[variable_.roles.space[1]] = static_cast<hsize_t>(dims.y);
+    counts[variable_.roles.space[2]] = static_cast<hsize_t>(dims.x);
+    read_ahead_.emplace(far_dataset_.get(), std::vector<hsize_t>(start_.begin(), start_.end()),
+                        std::move(counts), variable_.roles.space[0], cache_bytes);
+  }
+
   absl::Status ReadPart(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
                         char* out) {
     const std::array<std::size_t, 3>& space = variable_.roles.space;
@@ -111,6 +141,9 @@ class NetcdfSource final : public VolumeSource {
     const std::size_t samples = count[space[0]] * count[space[1]] * count[space[2]];
     char* const stored =
         out + samples * (volume::SizeOf(info().type) - volume::SizeOf(variable_.stored));
+    if (read_ahead_.has_value()) {
+      read_ahead_->BeforePlanes(z, z + planes);
+    }
     const int status =
         nc_get_vara(variable_.group, variable_.id, start.data(), count.data(), stored);
     if (status != NC_NOERR) {
@@ -134,6 +167,9 @@ class NetcdfSource final : public VolumeSource {
   const NetcdfVariable variable_;
   const NetcdfPacking packing_;
   const std::vector<std::size_t> start_;  // by axis of the variable
+  Hdf5Handle far_file_;                   // of a far file
+  Hdf5Handle far_dataset_;
+  std::optional<Hdf5ReadAhead> read_ahead_;
 };
 
 // INVALID_ARGUMENT: a filter of HDF5 that compresses the variable is not installed.
@@ -151,7 +187,8 @@ absl::Status CheckNetcdfFilters(const NetcdfVariable& variable) {
 }
 
 // Sets the cache of chunks to a layer of them; 0 if there are none.
-absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable) {
+absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable,
+                                            std::int64_t max_bytes) {
   std::vector<std::size_t> chunk(variable.axes.size());
   int storage = NC_CONTIGUOUS;
   if (nc_inq_var_chunking(variable.group, variable.id, &storage, chunk.data()) != NC_NOERR ||
@@ -172,11 +209,10 @@ absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable) {
         "chunks of %.0f bytes; expected at most %d: write it with smaller chunks (nccopy -c)",
         chunk_bytes, kMaxNetcdfChunkBytes));
   }
-  const auto cache_bytes = static_cast<std::int64_t>(std::max(
-      chunk_bytes, std::min(chunk_bytes * chunks, static_cast<double>(kMaxNetcdfCacheBytes))));
-  constexpr std::size_t kSlots = 12421;  // a prime, far more than chunks
-  nc_set_var_chunk_cache(variable.group, variable.id, static_cast<std::size_t>(cache_bytes), kSlots,
-                         1.0F);
+  const auto cache_bytes = static_cast<std::int64_t>(
+      std::max(chunk_bytes, std::min(chunk_bytes * chunks, static_cast<double>(max_bytes))));
+  nc_set_var_chunk_cache(variable.group, variable.id, static_cast<std::size_t>(cache_bytes),
+                         kNetcdfSlots, 1.0F);
   return cache_bytes;
 }
 
@@ -195,7 +231,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenOnGrid(
   if (const absl::Status filters = CheckNetcdfFilters(variable); !filters.ok()) {
     return NamedNetcdf(filters, *file, variable);
   }
-  const auto cache_bytes = SetNetcdfCache(variable);
+  const auto cache_bytes = SetNetcdfCache(
+      variable, io::IsMounted(file->path()) ? kFarChunkCacheBytes : kMaxNetcdfCacheBytes);
   if (!cache_bytes.ok()) {
     return NamedNetcdf(cache_bytes.status(), *file, variable);
   }

@@ -33,6 +33,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/source/child/decoder_process.h"
+#include "core/source/child/far_files.h"
 
 namespace isoscope::source {
 namespace {
@@ -115,7 +116,10 @@ void HandleInChild(const void* request_bytes, void* answer_bytes, char* shared) 
   Request request;
   std::memcpy(static_cast<void*>(&request), request_bytes, sizeof(request));
   Answer answer{};
-  const absl::Status status = DoInChild(request, &answer, shared);
+  absl::Status status = DoInChild(request, &answer, shared);
+  if (const absl::Status far = FarFiles::ErrorInChild(); !far.ok()) {
+    status = far;  // whatever the library made of it
+  }
   if (!status.ok()) {
     PutText(status.message(), &answer, shared);
   }

@@ -16,6 +16,7 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "core/source/hdf5/hdf5_file_lookup.h"
 #include "core/source/hdf5/hdf5_handle.h"
 
@@ -96,8 +97,11 @@ std::string WhyLinkIsBroken(hid_t group, const std::string& name) {
   if (link.file.empty()) {
     return "";
   }
-  for (const std::string& path :
-       Hdf5PathsOf(Hdf5OtherFile::kOfLink, link.file, Hdf5FileOf(group))) {
+  const std::string owner = Hdf5FileOf(group);
+  if (io::IsMounted(owner)) {
+    return absl::StrCat("in ", link.file, ", to which a file at an address can't lead");
+  }
+  for (const std::string& path : Hdf5PathsOf(Hdf5OtherFile::kOfLink, link.file, owner)) {
     if (const absl::Status regular = io::CheckIsRegularFile(path); !regular.ok()) {
       return std::string(regular.message());
     }

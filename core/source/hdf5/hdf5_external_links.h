@@ -21,6 +21,7 @@ void FollowLinksToRegularFiles();
 // Tells why the external link `name` of a group leads nowhere.
 // "c.h5: is a pipe (FIFO), expected ...": it names an object that is no regular file.
 // "in FILE, which is missing": it names what is not there.
+// "in FILE, to which a file at an address can't lead": the file of the group is mounted.
 // "": it is no external link.
 std::string WhyLinkIsBroken(hid_t group, const std::string& name);
 

@@ -53,6 +53,22 @@ absl::StatusOr<std::string> ReadSamples(source::VolumeSource* volume, std::int64
   return samples;
 }
 
+// The volume as a box, if it has boxes: samples of rows, or an error.
+void ReadBoxes(const source::VolumeSource& volume, const absl::StatusOr<std::string>& whole) {
+  const math::Index3& dims = volume.info().geometry.sample_dims;
+  if (!volume.box_grid().has_value()) {
+    return;
+  }
+  const auto size = static_cast<std::size_t>(dims.y * dims.z * volume.info().row_bytes());
+  const auto box = std::make_unique<char[]>(size);
+  const absl::Status status = volume.ReadBox({.begin = {0, 0, 0}, .end = dims}, box.get());
+  if (!status.ok()) {
+    RequireSourceError(status);
+    return;
+  }
+  Require(!whole.ok() || *whole == std::string(box.get(), size), "a box has the samples of rows");
+}
+
 void ReadVolume(source::VolumeSource* volume) {
   const math::Index3& dims = volume->info().geometry.sample_dims;
   const auto sample_bytes = static_cast<std::int64_t>(volume::SizeOf(volume->info().type));
@@ -71,22 +87,6 @@ void ReadVolume(source::VolumeSource* volume) {
   ReadBoxes(*volume, whole);
   const auto in_runs = ReadSamples(volume, 1 + dims.y / 2);
   Require(in_runs.ok() && *in_runs == *whole, "a volume is the same in one piece and in several");
-}
-
-// The volume as a box, if it has boxes: samples of rows, or an error.
-void ReadBoxes(const source::VolumeSource& volume, const absl::StatusOr<std::string>& whole) {
-  const math::Index3& dims = volume.info().geometry.sample_dims;
-  if (!volume.box_grid().has_value()) {
-    return;
-  }
-  const auto size = static_cast<std::size_t>(dims.y * dims.z * volume.info().row_bytes());
-  const auto box = std::make_unique<char[]>(size);
-  const absl::Status status = volume.ReadBox({.begin = {0, 0, 0}, .end = dims}, box.get());
-  if (!status.ok()) {
-    RequireSourceError(status);
-    return;
-  }
-  Require(!whole.ok() || *whole == std::string(box.get(), size), "a box has the samples of rows");
 }
 
 void CheckVolume(const absl::StatusOr<std::unique_ptr<source::VolumeSource>>& volume) {

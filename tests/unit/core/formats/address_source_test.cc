@@ -214,6 +214,30 @@ TEST_F(AddressSourceTest, DatasetsOfHdf5AreThoseOfTheFile) {
   EXPECT_FALSE(StatusOfOpen(At("cut.h5:/whole")).ok());
 }
 
+// This process reads chunks and rows by ranges; the library, in its child, only lists them.
+TEST_F(AddressSourceTest, BoxesOfHdf5AreThoseOfTheFile) {
+  const std::string path = dir_.Sub("a.h5");
+  const hid_t file = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  testing::WriteHdf5Dataset(file, "whole", {23, 29, 37}, H5T_STD_U16LE, samples_.data());
+  testing::WriteHdf5Dataset(file, "chunked", {23, 29, 37}, H5T_STD_U16LE, samples_.data(),
+                            {8, 9, 10});
+  H5Fclose(file);
+  for (const bool is_chunked : {false, true}) {
+    const auto series = Open({.path = At(is_chunked ? "a.h5:/chunked" : "a.h5:/whole")});
+    ASSERT_THAT(series.status(), IsOk());
+    const auto source = (*series)->Open(0, 0, 0);
+    ASSERT_THAT(source.status(), IsOk());
+    EXPECT_EQ((*source)->box_grid()->box_dims,
+              is_chunked ? (math::Index3{10, 9, 8}) : (math::Index3{128, 32, 32}));
+    std::string box(samples_.size(), '?');
+    ASSERT_THAT((*source)->ReadBox({.begin = {0, 0, 0}, .end = kDims}, box.data()), IsOk());
+    EXPECT_TRUE(box == samples_);
+    const auto rows = testing::ReadAll(**source, 7);
+    ASSERT_THAT(rows.status(), IsOk());
+    EXPECT_TRUE(*rows == samples_);
+  }
+}
+
 TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {
   const math::Index3 large{256, 256, 64};
   dir_.Write("large.nrrd", testing::NrrdHeader(large, "uint8", "raw") +

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_TESTS_UNIT_CORE_INDEXED_INDEXED_FIXTURE_H_
 #define ISOSCOPE_TESTS_UNIT_CORE_INDEXED_INDEXED_FIXTURE_H_
 
+#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -32,6 +33,7 @@
 #include "core/volume/block_samples.h"
 #include "tests/support/chunk_writer.h"
 #include "tests/support/draws.h"
+#include "tests/support/hdf5_file.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/volume_files.h"
 #include "zlib.h"
@@ -103,10 +105,11 @@ inline void WriteVti(const std::string& path, const math::Index3& dims, const st
 }
 
 // Writes a series: of Zarr a group of two arrays with time steps, or one with steps and components, in
-// chunks of any size on all axes; or a VTK file for each step.
+// chunks of any size on all axes; or a VTK file for each step; or an HDF5 dataset with steps and
+// components.
 inline source::OpenRequest WriteSeries(const std::string& path, Dice* dice) {
   const math::Index3 dims{dice->Whole(4, 40), dice->Whole(4, 30), dice->Whole(4, 40)};
-  const std::int64_t steps = dice->Whole(1, 4);
+  const std::int64_t steps = dice->Whole(2, 4);  // one alone may be no series
   const auto noise = [&](std::int64_t volumes, volume::ScalarType type) {
     return SampleNoise(dice->Bits(), {dims.x, dims.y, dims.z * volumes}, type, 100);
   };
@@ -133,6 +136,21 @@ inline source::OpenRequest WriteSeries(const std::string& path, Dice* dice) {
     return {.path = path, .axes = "TZYX"};
   }
   const std::int64_t components = dice->Whole(2, 3);
+  if (dice->OneIn(2)) {
+    const source::ChunkIndex all{steps, components, dims.z, dims.y, dims.x};
+    std::vector<hsize_t> chunks;
+    for (const std::int64_t size : all) {
+      chunks.push_back(static_cast<hsize_t>(dice->Whole(1, std::min<std::int64_t>(size, 40))));
+    }
+    const std::string samples = noise(steps * components, volume::ScalarType::kUint16);
+    const std::string file = path + "/s.h5";
+    const std::string name = std::filesystem::path(path).stem();  // as that of the Zarr array
+    const hid_t created = H5Fcreate(file.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+    WriteHdf5Dataset(created, name, {all.begin(), all.end()}, H5T_STD_U16LE, samples.data(),
+                     dice->OneIn(4) ? std::vector<hsize_t>() : chunks);
+    H5Fclose(created);
+    return {.path = file, .axes = "TCZYX"};
+  }
   source::ChunkIndex chunks = chunk(steps);
   chunks.insert(chunks.begin() + 1, dice->Whole(1, components));
   WriteZarrArray(path, {steps, components, dims.z, dims.y, dims.x}, "<u2", 2, chunks,

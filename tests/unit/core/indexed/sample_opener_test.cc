@@ -147,7 +147,7 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
     const Kind kind = dice.OneOf(kKinds);
     const math::Index3 chunk{dice.Whole(1, 40), dice.Whole(1, 40), dice.Whole(1, 40)};
     source::OpenRequest request =
-        dice.OneIn(3)   ? WriteRaw(dims, kind)
+        dice.OneIn(4)   ? WriteRaw(dims, kind)
         : dice.OneIn(3) ? WriteHdf5(dims, kind, chunk, &dice)
         : dice.OneIn(3)
             ? WriteVti(dims, kind,

@@ -114,7 +114,7 @@ TEST(Hdf5ChunkTableTest, TextsThatMakeNoSense) {
                                  "start=3 1 0 0",
                                  "start=3 0 0",
                                  "start=-1 0 0 0",
-                                 "chunk=2 4 4 5",
+
                                  "chunk=1 4 4",
                                  "chunk=1 4 4 0",
                                  "chunk=1 1 1 1",

@@ -16,6 +16,7 @@
 #include "tests/support/folder_test.h"
 #include "tests/support/hdf5_file.h"
 #include "tests/support/memory_file.h"
+#include "tests/support/status_matchers.h"
 #include "tests/support/volume_files.h"
 
 namespace isoscope::source {
@@ -85,6 +86,50 @@ TEST_F(Hdf5FarFileTest, ReadsAMountedFile) {
 TEST_F(Hdf5FarFileTest, AReadThatFailsSaysWhy) {
   EXPECT_THAT(ReadOf("https://h/hdf5/b.h5", 0), HasSubstr("the server is busy"));
   EXPECT_THAT(ReadOf("https://h/hdf5/c.h5", 4000), HasSubstr("the server is busy"));
+}
+
+TEST_F(Hdf5FarFileTest, OtherLibrariesOpenItByAName) {
+  const std::string path = "https://h/hdf5/d.h5";
+  io::MountFile({.file = std::make_shared<FarTestFile>(path, bytes_, 1 << 20)});
+  const auto name = StandInForFarHdf5(path);
+  ASSERT_THAT(name.status(), testing::IsOk());
+  EXPECT_EQ(*StandInForFarHdf5(path), *name);
+  const Hdf5Handle file(H5Fopen(name->c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  ASSERT_TRUE(file.is_valid()) << LastHdf5Error();
+  EXPECT_GT(H5Lexists(file.get(), "d", H5P_DEFAULT), 0);
+}
+
+// Names of files of this machine, in a file that somebody else's server sent.
+TEST_F(Hdf5FarFileTest, ADatasetInOtherFilesIsNotRead) {
+  const std::string path = dir_.Sub("e.h5");
+  dir_.Write("secret", "0123456789");
+  hid_t file = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  const hid_t properties = H5Pcreate(H5P_DATASET_CREATE);
+  H5Pset_external(properties, dir_.Sub("secret").c_str(), 0, 10);
+  const hsize_t dims[1] = {10};
+  const hid_t space = H5Screate_simple(1, dims, nullptr);
+  H5Dclose(H5Dcreate2(file, "s", H5T_NATIVE_UINT8, space, H5P_DEFAULT, properties, H5P_DEFAULT));
+  H5Sclose(space);
+  H5Pclose(properties);
+  H5Fclose(file);
+  std::vector<std::uint8_t> read(10);
+  const Hdf5Handle local = OpenHdf5ToRead(path);
+  const Hdf5Handle of_disk(H5Dopen2(local.get(), "s", H5P_DEFAULT), H5Dclose);
+  EXPECT_GE(ReadWholeHdf5(of_disk.get(), H5T_NATIVE_UINT8, read.data()), 0);
+  EXPECT_THAT(CheckFarHdf5Objects(local.get(), path), testing::IsOk());
+  EXPECT_EQ(read[3], '3');
+
+  read.assign(10, 0);
+  const std::string far_path = "https://h/hdf5/e.h5";
+  io::MountFile(
+      {.file = std::make_shared<FarTestFile>(far_path, testing::ReadFile(path), 1 << 20)});
+  const Hdf5Handle far = OpenHdf5ToRead(far_path);
+  const Hdf5Handle dataset(H5Dopen2(far.get(), "s", H5P_DEFAULT), H5Dclose);
+  EXPECT_LT(ReadWholeHdf5(dataset.get(), H5T_NATIVE_UINT8, read.data()), 0);
+  EXPECT_EQ(read, std::vector<std::uint8_t>(10));
+  EXPECT_THAT(
+      CheckFarHdf5Objects(far.get(), far_path),
+      testing::StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("\"s\" are in other")));
 }
 
 }  // namespace
