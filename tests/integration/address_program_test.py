@@ -203,7 +203,7 @@ class AddressTest(unittest.TestCase):
     self.addCleanup(stranger.close)
     errors = faults = 0
     with ObjectServer(self.served) as server:
-      for seed in range(10):
+      for seed in range(6):
         proxy = FaultProxy(('127.0.0.1', int(server.origin.rsplit(':', 1)[1])), 0.5, seed, stranger)
         self.addCleanup(proxy.close)
         source = ('v.h5:/d', 'n.nc')[seed % 2]

@@ -57,10 +57,15 @@ class CachedBytes final : public io::RandomAccessFile {
       return absl::OkStatus();
     }
     // 1. A reader that goes on where the last request ended will want more.
-    ahead_ = number == next_ ? std::min(2 * ahead_, kMaxAheadBlocks) : 1;
+    const bool goes_on = number >= next_ && number <= next_ + kMaxStepBlocks && next_ >= 0;
+    ahead_ = goes_on ? std::min(2 * ahead_, kMaxAheadBlocks) : 1;
+    const std::int64_t wanted = number;
+    while (goes_on && number > next_ && !by_number_.contains(number - 1)) {
+      --number;  // what was passed is often wanted later
+    }
     const std::int64_t block_count = (size_bytes() + kCachedBlockBytes - 1) / kCachedBlockBytes;
-    std::int64_t end = std::min(number + ahead_, block_count);
-    for (std::int64_t i = number + 1; i < end; ++i) {
+    std::int64_t end = std::min(wanted + ahead_, block_count);
+    for (std::int64_t i = wanted + 1; i < end; ++i) {
       if (by_number_.contains(i)) {
         end = i;
       }
@@ -78,6 +83,7 @@ class CachedBytes final : public io::RandomAccessFile {
                            static_cast<std::size_t>(kCachedBlockBytes))});
       by_number_[i] = blocks_.begin();
     }
+    blocks_.splice(blocks_.begin(), blocks_, by_number_[wanted]);
     while (static_cast<std::int64_t>(blocks_.size()) > kMaxCachedBlocks) {
       by_number_.erase(blocks_.back().number);
       blocks_.pop_back();

@@ -3,7 +3,8 @@
 //
 //   read of 256 KiB or more   straight from the bytes, pieces at once
 //   smaller                   from a block of 64 KiB, which is read once; 256 blocks are kept
-//   block behind block        more and more blocks with each request, up to 4 MiB: read-ahead
+//   block behind block        more and more blocks with each request, up to 4 MiB: read-ahead; steps of
+//                             up to 4 blocks count, too, as those of directories between samples
 
 #ifndef ISOSCOPE_CORE_SOURCE_BYTES_CACHED_BYTES_H_
 #define ISOSCOPE_CORE_SOURCE_BYTES_CACHED_BYTES_H_
@@ -21,6 +22,7 @@ namespace isoscope::source {
 inline constexpr std::int64_t kCachedBlockBytes = 64 * base::kKiB;
 inline constexpr std::int64_t kMaxCachedBlocks = 256;  // 16 MiB
 inline constexpr std::int64_t kMaxAheadBlocks = 64;    // 4 MiB
+inline constexpr std::int64_t kMaxStepBlocks = 4;      // that a reader may leave out
 inline constexpr std::int64_t kDirectReadBytes = 256 * base::kKiB;
 
 // A file of that path with the bytes of `bytes`. Thread-safe; small reads wait for each other. Reads
