@@ -209,6 +209,14 @@ TEST_F(AddressSourceTest, DatasetsOfHdf5AreThoseOfTheFile) {
   EXPECT_FALSE(StatusOfOpen(At("cut.h5:/whole")).ok());
 }
 
+// A classic file, whose library reads files of the disk alone.
+TEST_F(AddressSourceTest, ClassicNetcdfNeedsACopy) {
+  dir_.Write("a.nc", std::string("CDF\x01", 4) + std::string(28, '\0'));
+  EXPECT_THAT(StatusOfOpen(At("a.nc")),
+              StatusIs(kInvalid, ::testing::AllOf(HasSubstr("classic file of netCDF"),
+                                                  HasSubstr("isoscope copy " + At("a.nc")))));
+}
+
 TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {
   const math::Index3 large{256, 256, 64};
   dir_.Write("large.nrrd", testing::NrrdHeader(large, "uint8", "raw") +
