@@ -203,7 +203,7 @@ class AddressTest(unittest.TestCase):
     self.addCleanup(stranger.close)
     errors = faults = 0
     with ObjectServer(self.served) as server:
-      for seed in range(10):
+      for seed in range(6):
         proxy = FaultProxy(('127.0.0.1', int(server.origin.rsplit(':', 1)[1])), 0.5, seed, stranger)
         self.addCleanup(proxy.close)
         source = ('v.h5:/d', 'n.nc')[seed % 2]
@@ -220,6 +220,23 @@ class AddressTest(unittest.TestCase):
           self.assertNotIn('damaged', done.stderr)
     self.assertGreater(faults, 10)
     self.assertGreater(errors, 0)
+
+  def test_hdf5_that_comes_slowly_can_be_interrupted(self):
+    if not write_hdf5(self.served, self.samples):
+      skips.skip('h5py', 'python3-h5py is not installed')
+    with ObjectServer(self.served, bytes_per_second=2000) as server:
+      slow = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'partition', server.origin + '/v.h5:/whole', '-o',
+                               self.path('slow'), *CUT], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                              env=self.environment)
+      end = time.monotonic() + PATIENCE_S
+      while len(server.requests) < 3 and time.monotonic() < end:
+        time.sleep(0.05)
+      self.assertIsNone(slow.poll())
+      slow.send_signal(signal.SIGINT)
+      errors = slow.communicate(timeout=PATIENCE_S)[1]
+    self.assertNotEqual(slow.returncode, 0)
+    self.assertNotIn('damaged', errors)
+    self.assertFalse(os.path.exists(self.path('slow')))
 
   # What a stranger's server sends names no file of this machine, nor another address.
   def test_hdf5_that_leads_to_other_files_is_refused(self):

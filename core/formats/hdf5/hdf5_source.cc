@@ -39,6 +39,7 @@
 #include "core/formats/hdf5/hdf5_storage.h"
 #include "core/formats/hdf5/nexus_data.h"
 #include "core/io/mounted_file.h"
+#include "core/source/child/far_files.h"
 #include "core/source/child/walled_source.h"
 #include "core/source/grid/axis_order.h"
 #include "core/source/hdf5/hdf5_handle.h"
@@ -59,11 +60,11 @@ class Hdf5Source final : public VolumeSource {
   // `start` is the box of one element that is read, but for the axes z, y and x.
   Hdf5Source(const volume::GridGeometry& geometry, Hdf5SampleType type, const std::string& name,
              std::vector<hsize_t> start, const AxisOrder& axes, std::int64_t cache_bytes,
-             Hdf5Handle file, Hdf5Handle dataset)
+             std::int64_t ahead_bytes, Hdf5Handle file, Hdf5Handle dataset)
       : VolumeSource({.name = name,
                       .geometry = geometry,
                       .type = type.scalar,
-                      .memory_bytes = cache_bytes + kConversionBytes}),
+                      .memory_bytes = cache_bytes + kConversionBytes + ahead_bytes}),
         type_(std::move(type)),
         start_(std::move(start)),
         axes_(axes),
@@ -236,9 +237,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
     start[*axes.c] = static_cast<hsize_t>(component);
   }
   const std::optional<WideType> wide = type.wide;
-  std::unique_ptr<VolumeSource> source =
-      std::make_unique<Hdf5Source>(geometry, std::move(type), name, std::move(start), axes,
-                                   cache_bytes, std::move(named.file), std::move(dataset));
+  std::unique_ptr<VolumeSource> source = std::make_unique<Hdf5Source>(
+      geometry, std::move(type), name, std::move(start), axes, cache_bytes,
+      is_far ? kFarAheadBytes : 0, std::move(named.file), std::move(dataset));
   if (wide.has_value()) {
     return MakeWideSource(std::move(source), *wide);
   }

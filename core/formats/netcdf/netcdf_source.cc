@@ -21,6 +21,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/mounted_file.h"
+#include "core/source/child/far_files.h"
 #include "core/source/hdf5/hdf5_far_file.h"
 #include "core/source/hdf5/hdf5_filters.h"
 #include "core/source/hdf5/hdf5_handle.h"
@@ -61,7 +62,8 @@ class NetcdfSource final : public VolumeSource {
       : VolumeSource({.name = absl::StrCat(file->path(), ":", variable.name),
                       .geometry = geometry,
                       .type = TypeOfSamples(variable, packing),
-                      .memory_bytes = cache_bytes + kNetcdfBufferBytes}),
+                      .memory_bytes = cache_bytes + kNetcdfBufferBytes +
+                                      (io::IsMounted(file->path()) ? kFarAheadBytes : 0)}),
         file_(std::move(file)),
         variable_(std::move(variable)),
         packing_(std::move(packing)),

@@ -40,33 +40,41 @@ class BlockPool {
     return *pool;
   }
 
-  // Returns the block once it is kept. Null: the caller asks for the blocks [first.second, *end) of
-  // the file, and calls Release, even after an exception: `*end` grows with each block that is
-  // claimed, from first.second on, at most to `max_end`.
-  absl::StatusOr<BlockBytes> FindOrClaim(const BlockKey& first, std::int64_t max_end,
-                                         std::int64_t* end) ABSL_LOCKS_EXCLUDED(mutex_) {
+  // Blocks [begin, end) of a file that are asked for.
+  struct Claim {
+    std::int64_t file = 0;
+    std::int64_t begin = 0;
+    std::int64_t end = 0;
+  };
+
+  // Returns block `wanted` of claim->file once it is kept. Null: the caller asks for the blocks of the
+  // claim, and calls Release, even after an exception. They are `wanted` and its neighbours from
+  // `least` on and below `most`, as far as nobody has them. REQUIRES: the claim is empty, at `wanted`.
+  absl::StatusOr<BlockBytes> FindOrClaim(std::int64_t wanted, std::int64_t least, std::int64_t most,
+                                         Claim* claim) ABSL_LOCKS_EXCLUDED(mutex_) {
     BlockBytes found;
     ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(
         base::ProcessInterrupt(), &mutex_, &landed_, [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-          if (const auto kept = places_.find(first); kept != places_.end()) {
+          if (const auto kept = places_.find({claim->file, wanted}); kept != places_.end()) {
             blocks_.splice(blocks_.begin(), blocks_, kept->second);
             found = kept->second->bytes;
             return true;
           }
-          for (BlockKey key = first; key.second < max_end; ++key.second) {
-            if (places_.contains(key) || !in_flight_.insert(key).second) {
-              break;
-            }
-            *end = key.second + 1;
+          while (claim->end < most && Take({claim->file, claim->end})) {
+            ++claim->end;
           }
-          return *end > first.second;
+          while (claim->end > wanted && claim->begin > least &&
+                 Take({claim->file, claim->begin - 1})) {
+            --claim->begin;
+          }
+          return claim->end > wanted;
         }));
     return found;
   }
-  void Release(const BlockKey& first, std::int64_t end) ABSL_LOCKS_EXCLUDED(mutex_) {
+  void Release(const Claim& claim) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
-    for (std::int64_t i = first.second; i < end; ++i) {
-      in_flight_.erase({first.first, i});
+    for (std::int64_t i = claim.begin; i < claim.end; ++i) {
+      in_flight_.erase({claim.file, i});
     }
     landed_.SignalAll();
   }
@@ -105,6 +113,11 @@ class BlockPool {
     BlockBytes bytes = {};
   };
 
+  // Whether the caller has to ask for the block, because nobody has it.
+  bool Take(const BlockKey& key) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return !places_.contains(key) && in_flight_.insert(key).second;
+  }
+
   mutable base::Mutex mutex_;
   base::CondVar landed_;
   std::list<Block> blocks_ ABSL_GUARDED_BY(mutex_);  // the last one used first
@@ -139,7 +152,6 @@ class CachedBytes final : public io::RandomAccessFile {
   }
   [[nodiscard]] std::int64_t size_bytes() const override { return bytes_->size_bytes(); }
   [[nodiscard]] const std::string& path() const override { return path_; }
-  [[nodiscard]] const ByteSource& bytes() const { return *bytes_; }
 
  private:
   static std::int64_t NextFile() {
@@ -147,57 +159,72 @@ class CachedBytes final : public io::RandomAccessFile {
     return next++;
   }
 
-  // Blocks of the next request, if it begins at `number`.
-  std::int64_t AheadOf(std::int64_t number) const ABSL_LOCKS_EXCLUDED(mutex_) {
+  // The next request, if it is for `number`.
+  struct Plan {
+    std::int64_t least = 0;  // the first block of the request
+    std::int64_t ahead = 1;  // blocks from `number` on
+  };
+  // A reader that goes on where the last request ended, or a few blocks behind, will want more; what
+  // it has left out is often wanted later.
+  Plan PlanFor(std::int64_t number) const ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
-    return number == next_ ? std::min(2 * ahead_, kMaxAheadBlocks) : 1;
+    return next_ >= 0 && number >= next_ && number <= next_ + kMaxStepBlocks
+               ? Plan{.least = next_, .ahead = std::min(2 * ahead_, kMaxAheadBlocks)}
+               : Plan{.least = number, .ahead = 1};
   }
 
   absl::StatusOr<BlockBytes> Get(std::int64_t number) const ABSL_LOCKS_EXCLUDED(mutex_) {
     BlockPool& pool = BlockPool::OfProcess();
-    class Claim {
+    class ClaimScope {
      public:
-      explicit Claim(const BlockKey& of) : first(of), end(of.second) {}
-      ~Claim() {
-        if (end > first.second) {
-          BlockPool::OfProcess().Release(first, end);
+      explicit ClaimScope(const BlockPool::Claim& at) : claim(at) {}
+      ~ClaimScope() {
+        if (claim.end > claim.begin) {
+          BlockPool::OfProcess().Release(claim);
         }
       }
-      Claim(const Claim&) = delete;
-      Claim& operator=(const Claim&) = delete;
+      ClaimScope(const ClaimScope&) = delete;
+      ClaimScope& operator=(const ClaimScope&) = delete;
 
-      const BlockKey first;
-      std::int64_t end;
+      BlockPool::Claim claim;
     };
-    // 1. A reader that goes on where the last request ended will want more.
-    const std::int64_t ahead = AheadOf(number);
+    // 1. Which blocks.
+    const Plan plan = PlanFor(number);
     const std::int64_t block_count = (size_bytes() + kCachedBlockBytes - 1) / kCachedBlockBytes;
-    Claim claim({file_, number});
+    ClaimScope scope({.file = file_, .begin = number, .end = number});
+    const BlockPool::Claim& claim = scope.claim;
     ISOSCOPE_ASSIGN_OR_RETURN(
         BlockBytes wanted,
-        pool.FindOrClaim(claim.first, std::min(number + ahead, block_count), &claim.end));
+        pool.FindOrClaim(number, plan.least, std::min(number + plan.ahead, block_count),
+                         &scope.claim));
     if (wanted != nullptr) {
       return wanted;
     }
     {
       const base::MutexLock lock(&mutex_);
-      ahead_ = ahead;
+      ahead_ = plan.ahead;
       next_ = claim.end;
     }
     // 2. One request.
-    const std::int64_t begin_byte = number * kCachedBlockBytes;
+    const std::int64_t begin_byte = claim.begin * kCachedBlockBytes;
     const std::int64_t end_byte = std::min(claim.end * kCachedBlockBytes, size_bytes());
     std::string bytes(static_cast<std::size_t>(end_byte - begin_byte), '\0');
     ISOSCOPE_RETURN_IF_ERROR(
         bytes_->ReadAt(begin_byte, bytes.size(), bytes.data(), base::ProcessInterrupt()));
     // 3. Blocks, the wanted one as the last used.
-    for (std::int64_t i = claim.end; i-- > number;) {
-      wanted = std::make_shared<const std::string>(
-          bytes.substr(static_cast<std::size_t>((i - number) * kCachedBlockBytes),
+    const auto keep = [&](std::int64_t block) {
+      auto kept = std::make_shared<const std::string>(
+          bytes.substr(static_cast<std::size_t>((block - claim.begin) * kCachedBlockBytes),
                        static_cast<std::size_t>(kCachedBlockBytes)));
-      pool.Keep({file_, i}, wanted);
+      pool.Keep({file_, block}, kept);
+      return kept;
+    };
+    for (std::int64_t block = claim.end; block-- > claim.begin;) {
+      if (block != number) {
+        keep(block);
+      }
     }
-    return wanted;
+    return keep(number);
   }
 
   const std::shared_ptr<const ByteSource> bytes_;
@@ -214,11 +241,6 @@ class CachedBytes final : public io::RandomAccessFile {
 std::unique_ptr<io::RandomAccessFile> MakeCachedFile(std::shared_ptr<const ByteSource> bytes,
                                                      std::string path) {
   return std::make_unique<CachedBytes>(std::move(bytes), std::move(path));
-}
-
-const ByteSource* BytesOf(const io::RandomAccessFile& file) {
-  const auto* const cached = dynamic_cast<const CachedBytes*>(&file);
-  return cached == nullptr ? nullptr : &cached->bytes();
 }
 
 std::int64_t CachedBlockCount() { return BlockPool::OfProcess().block_count(); }

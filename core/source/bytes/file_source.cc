@@ -36,8 +36,6 @@
 #include "core/source/adapt/rescale.h"
 #include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/byte_order.h"
-#include "core/source/bytes/byte_source.h"
-#include "core/source/bytes/cached_bytes.h"
 #include "core/source/bytes/decoded_stream.h"
 #include "core/source/bytes/zip_file.h"
 
@@ -93,12 +91,11 @@ class StoredBytes {
       const auto file = static_cast<std::size_t>(stretches[first].begin / bytes_per_file_);
       ISOSCOPE_RETURN_IF_ERROR(Open(file));
       const std::optional<io::MountedFile> mounted = io::FindMounted(location_.files[file]);
-      const ByteSource* const bytes = mounted.has_value() ? BytesOf(*mounted->file) : nullptr;
-      if (bytes == nullptr) {
+      if (!mounted.has_value() || mounted->read_pieces == nullptr) {
         fetched_.clear();
         return absl::OkStatus();
       }
-      std::vector<ByteRange> ranges;
+      std::vector<io::FilePiece> pieces;
       std::size_t last = first;
       for (; last < stretches.size() &&
              stretches[last].begin / bytes_per_file_ == static_cast<std::int64_t>(file);
@@ -107,11 +104,11 @@ class StoredBytes {
         const std::int64_t within = begin % bytes_per_file_;
         if (within + static_cast<std::int64_t>(size) <= bytes_per_file_) {  // not of two files
           fetched_.push_back({.begin = begin, .bytes = std::string(size, '\0')});
-          ranges.push_back(
-              {.offset = offset() + within, .size = size, .out = fetched_.back().bytes.data()});
+          pieces.push_back({.range = {.offset = offset() + within, .size = size},
+                            .out = fetched_.back().bytes.data()});
         }
       }
-      ISOSCOPE_RETURN_IF_ERROR(bytes->ReadRanges(ranges, cancellation));
+      ISOSCOPE_RETURN_IF_ERROR(mounted->read_pieces(pieces, cancellation));
       first = last;
     }
     return absl::OkStatus();

@@ -61,8 +61,12 @@ void Hdf5ReadAhead::BeforePlanes(std::int64_t begin, std::int64_t end) {
     expected_end_ = begin_layer;
   }
   expected_begin_ = begin_layer;
+  // Whoever leaves planes out, as for a few values of each part, may not want the next layer.
+  const bool goes_on = begin == last_end_ || begin + 1 == last_end_;
+  last_end_ = end;
   const hsize_t last_layer = (first + count_[plane_axis_] - 1) / chunk + 1;
-  for (const hsize_t to : {end_layer, std::min(end_layer + 1, last_layer)}) {
+  const hsize_t ahead = goes_on ? std::min(end_layer + 1, last_layer) : end_layer;
+  for (const hsize_t to : {end_layer, ahead}) {
     if (to > expected_end_) {
       ExpectLayers(std::max(begin_layer, expected_end_), to);
       expected_end_ = to;

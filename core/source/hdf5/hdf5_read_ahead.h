@@ -21,7 +21,7 @@ inline constexpr std::int64_t kFarChunkCacheBytes = std::int64_t{128} << 20;
 
 // Of a volume in a dataset that is read in planes, which ascend. A layer has all chunks of the volume
 // with one place on the axis of planes. Layers that the library's cache of chunks keeps are expected
-// once, with one layer ahead; others for each read. Thread-compatible.
+// once, with one layer ahead of a reader that leaves no plane out; others for each read. Thread-compatible.
 class Hdf5ReadAhead {
  public:
   // The volume is `count` elements from `start` on, by axis of the dataset; `plane_axis` is that of
@@ -44,6 +44,7 @@ class Hdf5ReadAhead {
   bool keeps_layer_ = false;
   hsize_t expected_begin_ = 0;  // layers of the dataset
   hsize_t expected_end_ = 0;
+  std::int64_t last_end_ = 0;  // plane behind those of the last read
   std::function<void(absl::Span<const io::FileRange>)> expect_;
 };
 

@@ -230,12 +230,22 @@ TEST_F(AddressSourceTest, BoxesOfHdf5AreThoseOfTheFile) {
     EXPECT_EQ((*source)->box_grid()->box_dims,
               is_chunked ? (math::Index3{10, 9, 8}) : (math::Index3{128, 32, 32}));
     std::string box(samples_.size(), '?');
-    ASSERT_THAT((*source)->ReadBox({.begin = {0, 0, 0}, .end = kDims}, box.data()), IsOk());
+    ASSERT_THAT(
+        (*source)->ReadBox({.begin = {0, 0, 0}, .end = kDims}, box.data(), base::Cancellation()),
+        IsOk());
     EXPECT_TRUE(box == samples_);
     const auto rows = testing::ReadAll(**source, 7);
     ASSERT_THAT(rows.status(), IsOk());
     EXPECT_TRUE(*rows == samples_);
   }
+}
+
+// A classic file, whose library reads files of the disk alone.
+TEST_F(AddressSourceTest, ClassicNetcdfNeedsACopy) {
+  dir_.Write("a.nc", std::string("CDF\x01", 4) + std::string(28, '\0'));
+  EXPECT_THAT(StatusOfOpen(At("a.nc")),
+              StatusIs(kInvalid, ::testing::AllOf(HasSubstr("classic file of netCDF"),
+                                                  HasSubstr("isoscope copy " + At("a.nc")))));
 }
 
 TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {

@@ -103,6 +103,21 @@ TEST_F(CachedBytesTest, ReadsAheadOfThoseWhoGoOn) {
   EXPECT_THAT(source_->TakeRequests(), SizeIs(6));
 }
 
+// As directories between samples are read; blocks that were left out are not asked for later.
+TEST_F(CachedBytesTest, ReadsAheadOfThoseWhoLeaveBlocksOut) {
+  for (const std::int64_t first : {0, 1, 2}) {
+    for (std::int64_t block = first; block < 40; block += 3) {
+      const std::int64_t offset = block * kCachedBlockBytes + 9;
+      ASSERT_EQ(Read(offset, 100), bytes_.substr(static_cast<std::size_t>(offset), 100)) << block;
+    }
+  }
+  // 1, 2 + 2, 4 + 1, 8 + 2, 16 + 2 blocks, and the rest.
+  EXPECT_THAT(source_->TakeRequests(), SizeIs(::testing::Le(7)));
+  // Farther away is another place.
+  Read(10, 1);
+  EXPECT_THAT(source_->TakeRequests(), IsEmpty());
+}
+
 TEST_F(CachedBytesTest, ReadsLongPiecesDirectly) {
   EXPECT_EQ(Read(5, kDirectReadBytes), bytes_.substr(5, kDirectReadBytes));
   EXPECT_THAT(source_->TakeRequests(), ElementsAre(Pair(5, kDirectReadBytes)));
