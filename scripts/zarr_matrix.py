@@ -15,6 +15,7 @@ import argparse
 import collections
 import json
 import pathlib
+import random
 import shutil
 import subprocess
 import sys
@@ -154,6 +155,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('program', help='isoscope')
     parser.add_argument('folder', type=pathlib.Path, help='for the arrays; is made, and must not exist')
+    parser.add_argument('--part', type=float, default=1, help='the part of all arrays that is compared (default: 1)')
+    parser.add_argument('--seed', type=int, default=1, help='that chooses the part (default: 1)')
     parser.add_argument('--zarrita', metavar='NODE_FOLDER', help='a folder with node_modules/zarrita')
     args = parser.parse_args()
     import numpy as np
@@ -164,11 +167,14 @@ def main():
     if args.zarrita:
         writers['zarrita'] = lambda: write_with_zarrita((args.folder / 'zarrita.zarr').absolute(), args.zarrita)
     expected = {}
+    chance = random.Random(args.seed)
     count, equal, wrong = collections.Counter(), collections.Counter(), []
     kinds = collections.defaultdict(lambda: (set(), set()))
     for writer, write in writers.items():
         try:
             for path, codec, dtype, layout in write():
+                if chance.random() >= args.part:
+                    continue
                 if dtype not in expected:
                     file = args.folder / f'{len(expected)}.npy'
                     np.save(file, samples_of(np, dtype))
