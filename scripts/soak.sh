@@ -10,6 +10,7 @@ usage() {
 Usage: scripts/soak.sh [MINUTES] [--seed N]
        scripts/soak.sh --threads|--labels|--series|--levels|--depth-bounds [--frames N] [--seed N]
        scripts/soak.sh --parts [--kills N] [--seed N]
+       scripts/soak.sh --remote [--faults N] [--s3rver FOLDER] [--seed N]
 
   MINUTES     of all parts together (default: 30)
   --threads   instead, small random frames: each is drawn with 1, 2, 3, 8 or 32 threads, some memory
@@ -27,6 +28,11 @@ Usage: scripts/soak.sh [MINUTES] [--seed N]
               view of each volume
   --parts     instead, datasets are cut in 1, 4 and 16 parts; processes are killed at random moments
               and run again, and the joined dataset is compared with that of one process
+  --remote    instead, scripts/remote_soak.py: commands on files at an address, of nginx and of a
+              server of S3, each behind a proxy that does wrong at random; their bytes are compared
+  --faults N  how many answers the proxies spoil, at least (default: 2000)
+  --s3rver FOLDER
+              where npm installed s3rver; without it only nginx is asked
   --kills N   how many processes are killed for each number of parts (default: 200)
   --frames N  how many frames are compared, at least (default: 100000; of series and labels 20000; of
               --depth-bounds 10000)
@@ -43,6 +49,8 @@ fail() {
 minutes=
 frames=
 kills=
+faults=
+s3rver=
 small=
 while [ $# -gt 0 ]; do
   case "$1" in
@@ -50,16 +58,24 @@ while [ $# -gt 0 ]; do
       usage
       exit 0
       ;;
-    --threads | --labels | --series | --levels | --depth-bounds | --parts)
-      [ -z "$small" ] || fail "--threads, --labels, --series, --levels, --depth-bounds and --parts are runs of their own"
+    --threads | --labels | --series | --levels | --depth-bounds | --parts | --remote)
+      [ -z "$small" ] ||
+        fail "--threads, --labels, --series, --levels, --depth-bounds, --parts and --remote are runs of their own"
       small="$1"
       ;;
-    --frames | --kills | --seed)
+    --s3rver)
+      [ -d "${2:-}/node_modules/s3rver" ] || fail "--s3rver '${2:-}' is no folder with node_modules/s3rver"
+      s3rver="$2"
+      shift
+      ;;
+    --frames | --kills | --faults | --seed)
       [[ "${2:-}" =~ ^[1-9][0-9]*$ ]] || fail "$1 '${2:-}' is not a number"
       if [ "$1" = --frames ]; then
         frames="$2"
       elif [ "$1" = --kills ]; then
         kills="$2"
+      elif [ "$1" = --faults ]; then
+        faults="$2"
       else
         export ISOSCOPE_SOAK_SEED="$2"
       fi
@@ -71,7 +87,11 @@ while [ $# -gt 0 ]; do
   shift
 done
 if [ -n "$small" ] && [ -n "$minutes" ]; then
-  fail "$small ends after --frames or --kills, not after minutes"
+  fail "$small ends after --frames, --kills or --faults, not after minutes"
+elif [ "$small" != --remote ] && [ -n "$faults$s3rver" ]; then
+  fail "--faults and --s3rver need --remote"
+elif [ "$small" = --remote ] && [ -n "$frames$kills" ]; then
+  fail "--remote ends after --faults, not after --frames or --kills"
 elif [ "$small" != --parts ] && [ -n "$kills" ]; then
   fail "--kills needs --parts"
 elif [ "$small" = --parts ] && [ -n "$frames" ]; then
@@ -81,6 +101,14 @@ elif [ -z "$small" ] && [ -n "$frames" ]; then
 fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+if [ "$small" = --remote ]; then
+  bash scripts/build.sh
+  options=(--faults "${faults:-2000}" --s3rver "$s3rver")
+  if [ -n "${ISOSCOPE_SOAK_SEED:-}" ]; then
+    options+=(--seed "$ISOSCOPE_SOAK_SEED")
+  fi
+  exec python3 scripts/remote_soak.py build/release/bin "${options[@]}"
+fi
 bash scripts/build.sh --with-tests
 tests=build/release/tests
 

@@ -195,9 +195,10 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
   ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(request.path, where));
   const auto explain = [&](const absl::Status& status) -> absl::Status {
     if (absl::IsNotFound(status)) {
-      return absl::NotFoundError(absl::StrCat(
-          where, ": its samples are in ", recorded, ": ", status.message(),
-          "; bring it back, or say where it is now: --allow-source ", recorded, "=NEW"));
+      return absl::NotFoundError(
+          absl::StrCat(where, ": its samples are in ", recorded, ": ", status.message(),
+                       "; bring it back, or say where it is now: ISOSCOPE_ALLOW_SOURCE=", recorded,
+                       "=NEW (of isoscope-agent also --allow-source)"));
     }
     return absl::IsInvalidArgument(status)
                ? absl::DataLossError(absl::StrCat(

@@ -404,6 +404,7 @@ absl::StatusOr<std::unique_ptr<VtiData>> Open(const io::RandomAccessFile& file,
 absl::StatusOr<std::unique_ptr<VtiData>> OpenVtiData(const io::RandomAccessFile& file,
                                                      const VtiHeader& header, const VtiArray& array,
                                                      std::int64_t size) {
+  // NOLINTNEXTLINE(clang-analyzer-cplusplus.NewDeleteLeaks): the StatusOr owns it
   auto data = Open(file, header, array, size);
   if (!data.ok()) {
     return absl::Status(data.status().code(), absl::StrFormat("%s: array \"%s\": %s", file.path(),

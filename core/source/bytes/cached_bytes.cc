@@ -12,7 +12,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
-#include <cstring>
 #include <list>
 #include <map>
 #include <set>
@@ -143,9 +142,8 @@ class CachedBytes final : public io::RandomAccessFile {
       ISOSCOPE_ASSIGN_OR_RETURN(const BlockBytes block, Get(offset / kCachedBlockBytes));
       const auto within = static_cast<std::size_t>(offset % kCachedBlockBytes);
       const std::size_t take = std::min(size, block->size() - within);
-      std::memcpy(out, block->data() + within, take);
+      out = std::copy_n(block->data() + within, take, out);
       offset += static_cast<std::int64_t>(take);
-      out += take;
       size -= take;
     }
     return absl::OkStatus();

@@ -23,13 +23,16 @@ inline constexpr char kResampleAdvice[] =
     "resample it, as ParaView's filter \"Resample To Image\" does, and save it as .vti";
 inline constexpr char kXdmfAdvice[] =
     "give the HDF5 file that it names, with the dataset: FILE.h5:/name; or pvpython -c \"from "
-    "paraview.simple import *; SaveData('OUT.vti', OpenDataFile('IN'))\"";
+    "paraview.simple import *; SaveData('OUT.vti', OpenDataFile('./IN'))\"";
 inline constexpr char kAmiraAdvice[] =
     "bfconvert IN OUT.ome.tif, of Bio-Formats; or save it as NRRD, MetaImage or .vti";
 inline constexpr char kGatanAdvice[] =
     "dm2mrc IN OUT.mrc, of IMOD; or save it as TIFF, as Fiji does";
 inline constexpr char kOpenDxAdvice[] =
-    "chimerax --nogui --cmd 'open IN; save OUT.mrc; exit', of ChimeraX";
+    "python3 -c \"import gridData as d, mrcfile, numpy; g = d.Grid('IN'); m = "
+    "mrcfile.new('OUT.mrc', "
+    "numpy.float32(g.grid.T)); m.voxel_size = tuple(g.delta); m.header.origin = tuple(g.origin); "
+    "m.close()\"";
 inline constexpr char kSegyAdvice[] =
     "python3 -c \"import numpy, segyio; numpy.save('OUT.npy', segyio.tools.cube('IN'))\"";
 inline constexpr char kServeAdvice[] = "in Python, isoscope.serve(array) takes its array";

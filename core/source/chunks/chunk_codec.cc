@@ -11,6 +11,7 @@
 
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/source/chunks/shard_layout.h"
 
 namespace isoscope::source {
@@ -66,7 +67,7 @@ std::string CodecNames() {
 }
 
 std::int64_t MaxCompressedBytes(std::int64_t size_bytes) {
-  constexpr std::int64_t kHead = 64 * 1024;
+  constexpr std::int64_t kHead = 64 * base::kKiB;
   constexpr std::int64_t kMost = std::int64_t{1} << 60;  // no memory has so much
   return size_bytes >= kMost ? size_bytes : size_bytes + size_bytes / 4 + kHead;
 }

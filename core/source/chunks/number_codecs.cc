@@ -176,6 +176,7 @@ bool CastNumber(In value, Rounding rounding, OutOfRange out_of_range, Out* out) 
     }
     return false;
   } else {
+    // NOLINTNEXTLINE(bugprone-signed-char-misuse): an int8 is a number, no character
     const auto cast = static_cast<Out>(value);
     const bool is_same = static_cast<In>(cast) == value && ((cast < Out{0}) == (value < In{0}));
     if (is_same || out_of_range == OutOfRange::kWrap) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <type_traits>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
@@ -68,11 +69,7 @@ std::optional<T> IntegerFrom(const nlohmann::json& value) {
   }
   if (value.is_number_integer()) {
     const auto number = value.get<std::int64_t>();
-    const bool fits = std::is_signed_v<T>
-                          ? number >= static_cast<std::int64_t>(std::numeric_limits<T>::lowest()) &&
-                                number <= static_cast<std::int64_t>(std::numeric_limits<T>::max())
-                          : number >= 0;
-    return fits ? std::optional(static_cast<T>(number)) : std::nullopt;
+    return std::in_range<T>(number) ? std::optional(static_cast<T>(number)) : std::nullopt;
   }
   if (value.is_number_float()) {
     const auto number = value.get<double>();

@@ -113,8 +113,8 @@ absl::Status CheckIsTree(const Address& prefix, const std::vector<ListedObject>&
 
 class FolderCopy {
  public:
-  FolderCopy(RemoteClient* client, const Address& prefix, std::string path, const CopyHooks& hooks,
-             const base::Cancellation& cancellation)
+  FolderCopy(RemoteClient* client, const Address& prefix, const std::string& path,
+             const CopyHooks& hooks, const base::Cancellation& cancellation)
       : client_(client),
         prefix_(prefix),
         part_path_(absl::StrCat(path, ".part")),

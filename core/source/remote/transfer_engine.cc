@@ -430,7 +430,7 @@ class TransferEngine::Loop {
     }
     const absl::string_view detail(transfer->error_text.data());
     // Schemes are checked before: what curl does not know is the answer.
-    std::string text =
+    const std::string text =
         code == CURLE_UNSUPPORTED_PROTOCOL
             ? "the server's answer is no HTTP"
             : absl::StrCat(
@@ -444,7 +444,7 @@ class TransferEngine::Loop {
           .status = absl::FailedPreconditionError(absl::StrCat(
               text, is_certificate ? "; ISOSCOPE_CA_FILE names the authorities to trust" : ""))};
     }
-    return {.outcome = Outcome::kBroken, .status = absl::UnavailableError(std::move(text))};
+    return {.outcome = Outcome::kBroken, .status = absl::UnavailableError(text)};
   }
 
   // 5. Returns when the next transfer may have stalled.

@@ -89,7 +89,7 @@ TEST_F(RefusedFormatsTest, ContentIsKnownUnderAnyName) {
       {"MATLAB 5.0 MAT-file, Platform: GLNXA64", {"a MAT-file of version 5 to 7", "-v7.3"}},
       {std::string("\x0e\x03\x13\x01", 4), {"HDF4", "h4toh5"}},
       {"# AmiraMesh 3D BINARY 2.0", {"Amira's own format", "bfconvert IN OUT.ome.tif"}},
-      {"object 1 class gridpositions counts 2 2 2", {"OpenDX", "chimerax --nogui"}},
+      {"object 1 class gridpositions counts 2 2 2", {"OpenDX", "mrcfile.new('OUT.mrc'"}},
       {"\xc3\x40\xf1\x40", {"SEG-Y", "segyio.tools.cube('IN')"}},
       {"solid cube\nfacet normal 0 0 1", {"STL", "a mesh, not a volume"}},
       {"GRIB\1\2\3", {"GRIB", "cdo"}}};
@@ -117,9 +117,9 @@ TEST_F(RefusedFormatsTest, ZipArchivesAreCalledSoUnderAnyName) {
 TEST_F(RefusedFormatsTest, FormatsOfOtherProgramsAreKnownByTheirNames) {
   const std::vector<std::pair<const char*, const char*>> rows{
       {"a.am", "bfconvert IN OUT.ome.tif"},
-      {"a.dx", "chimerax --nogui --cmd 'open IN; save OUT.mrc; exit'"},
-      {"a.xdmf", "SaveData('OUT.vti', OpenDataFile('IN'))"},
-      {"a.xmf", "SaveData('OUT.vti', OpenDataFile('IN'))"},
+      {"a.dx", "import gridData as d, mrcfile, numpy; g = d.Grid('IN'); m = mrcfile.new('OUT.mrc'"},
+      {"a.xdmf", "SaveData('OUT.vti', OpenDataFile('./IN'))"},
+      {"a.xmf", "SaveData('OUT.vti', OpenDataFile('./IN'))"},
       {"a.dm3", "dm2mrc IN OUT.mrc"},
       {"a.dm4", "dm2mrc IN OUT.mrc"},
       {"a.sgy", "numpy.save('OUT.npy', segyio.tools.cube('IN'))"},
