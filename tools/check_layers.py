@@ -113,7 +113,6 @@ CLI11_FILE = "core/cli/flag_set.cc"
 UNTESTED_HEADERS = {
     "core/source/volume_source.h": "the contract, by every reader's test",
     "core/source/chunks/chunked_array.h": "the contract, by stored_array_test",
-    "core/source/box_decoding.h": "inside of magnitude_source_test and sample_opener_test",
     "core/source/volume_series.h": "the contract, by every reader's test",
     "core/source/series_entry.h": "plain data",
     "core/source/series_parts.h": "inside of find_volume_test and located_series_test",

@@ -38,7 +38,6 @@
 #include "core/indexed/unit_cache.h"
 #include "core/math/box.h"
 #include "core/source/adapt/magnitude_source.h"
-#include "core/source/box_decoding.h"
 #include "core/source/series_parts.h"
 #include "core/source/source_stamps.h"
 #include "core/source/volume_source.h"
@@ -227,7 +226,7 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
   // With the samples that a stride skips.
   const auto stride = static_cast<double>(request.stride);
   const double factor =
-      static_cast<double>(source::DecodingFactorOf(**volume)) * stride * stride * stride;
+      static_cast<double>((*volume)->decoding_factor()) * stride * stride * stride;
   return std::make_shared<const OpenSource>(OpenSource{.name = request.path,
                                                        .number = next_number_++,
                                                        .is_local = !IsAddress(request.path),

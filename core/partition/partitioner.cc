@@ -30,7 +30,6 @@
 #include "core/partition/partition_plan.h"
 #include "core/partition/portion_reader.h"
 #include "core/partition/volume_writer.h"
-#include "core/source/box_decoding.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 
@@ -142,7 +141,7 @@ absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples*
   ISOSCOPE_ASSIGN_OR_RETURN(const source::BoxGrid grid, GridOf(source));
   samples->unit_origin = grid.origin;
   math::Index3& dims = samples->unit_dims;
-  const std::int64_t factor = source::DecodingFactorOf(source);
+  const std::int64_t factor = source.decoding_factor();
   double bytes =  // that are decoded
       static_cast<double>(volume::SizeOf(info.type)) * static_cast<double>(factor);
   for (int axis = 0; axis < 3; ++axis) {

@@ -100,6 +100,8 @@ class VolumeSource {
   // The boxes in which ReadBox reads best. Not set: it can't read, because the samples come only
   // in their order, or from several places.
   [[nodiscard]] virtual std::optional<BoxGrid> box_grid() const { return std::nullopt; }
+  // ReadBox of n bytes of samples takes the memory of decoding so many times n; at least 1.
+  [[nodiscard]] virtual std::int64_t decoding_factor() const { return 1; }
   // Reads the samples of any box as [z][y][x], x fastest, little-endian, into `out`. The same
   // samples and errors as ReadRows; that of `cancellation` soon after it fires, if the read takes
   // long. Thread-safe, also beside ReadRows. Each box that the grid has is read and decoded again by

@@ -44,7 +44,6 @@
 #include "core/io/file.h"
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/wide_source.h"
-#include "core/source/box_decoding.h"
 #include "core/source/bytes/file_source.h"
 #include "core/source/bytes/object_store.h"
 #include "core/source/bytes/sample_location.h"
@@ -256,7 +255,7 @@ std::optional<std::vector<CodecSpec>> CodecsOf(const Hdf5ChunkTable& table, std:
 
 using Arrays = std::map<std::uint32_t, std::unique_ptr<ChunkedArray>>;  // by skipped filters
 
-class ChunkBoxes final : public VolumeSource, public BoxDecoding {
+class ChunkBoxes final : public VolumeSource {
  public:
   ChunkBoxes(SourceInfo info, std::shared_ptr<const Hdf5ChunkTable> table, Arrays arrays)
       : VolumeSource(std::move(info)),
@@ -506,7 +505,7 @@ absl::StatusOr<BoxReaders> OpenReaders(const SourceInfo& info, const WalledDatas
   return readers;
 }
 
-class BoxedSource final : public VolumeSource, public BoxDecoding {
+class BoxedSource final : public VolumeSource {
  public:
   BoxedSource(std::unique_ptr<VolumeSource> rows, WalledDataset dataset)
       : VolumeSource(rows->info()), dataset_(std::move(dataset)), rows_(std::move(rows)) {}
@@ -530,7 +529,7 @@ class BoxedSource final : public VolumeSource, public BoxDecoding {
   }
   [[nodiscard]] std::int64_t decoding_factor() const override {
     const auto readers = Readers();
-    return readers.ok() && (*readers)->own != nullptr ? DecodingFactorOf(*(*readers)->own) : 1;
+    return readers.ok() && (*readers)->own != nullptr ? (*readers)->own->decoding_factor() : 1;
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {

@@ -38,7 +38,6 @@
 #include "core/io/file.h"
 #include "core/io/mounted_file.h"
 #include "core/source/adapt/wide_source.h"
-#include "core/source/box_decoding.h"
 #include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/text_scanner.h"
@@ -51,7 +50,7 @@ namespace {
 // tuple exceeds it.
 constexpr std::int64_t kTupleBytes = 64 * base::kKiB;
 
-class VtiSource final : public VolumeSource, public BoxDecoding {
+class VtiSource final : public VolumeSource {
  public:
   VtiSource(SourceInfo info, const VtiChoice& choice, bool is_big_endian,
             std::unique_ptr<io::RandomAccessFile> file, std::unique_ptr<VtiData> data)

@@ -13,7 +13,6 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/source/adapt/wide_source.h"
-#include "core/source/box_decoding.h"
 #include "core/source/chunks/chunk_cache.h"
 
 namespace isoscope::source {
@@ -36,7 +35,7 @@ std::int64_t LayerBytesOf(const ChunkedArrayInfo& array, const ZarrPart& part) {
   return std::min(bytes, kMaxZarrCacheBytes);
 }
 
-class ZarrSource final : public VolumeSource, public BoxDecoding {
+class ZarrSource final : public VolumeSource {
  public:
   ZarrSource(SourceInfo info, std::shared_ptr<const ChunkedArray> array, ZarrPart part,
              ZarrPacking packing, std::int64_t cache_bytes)

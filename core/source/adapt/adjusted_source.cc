@@ -26,7 +26,6 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/source/box_decoding.h"
 #include "core/source/grid/affine_grid.h"
 #include "core/source/grid/straight_grid.h"
 
@@ -82,7 +81,7 @@ std::int64_t RunRows(const SourceInfo& volume) {
                                   volume.geometry.sample_dims.y);
 }
 
-class AdjustedSource final : public VolumeSource, public BoxDecoding {
+class AdjustedSource final : public VolumeSource {
  public:
   AdjustedSource(SourceInfo info, std::unique_ptr<VolumeSource> source, const SampleBox& box,
                  std::int64_t stride, std::optional<double> fill)
@@ -138,7 +137,7 @@ class AdjustedSource final : public VolumeSource, public BoxDecoding {
     return grid;
   }
 
-  [[nodiscard]] std::int64_t decoding_factor() const override { return DecodingFactorOf(*source_); }
+  [[nodiscard]] std::int64_t decoding_factor() const override { return source_->decoding_factor(); }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
     math::IndexBox whole;

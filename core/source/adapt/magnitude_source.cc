@@ -15,7 +15,6 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/source/box_decoding.h"
 
 namespace isoscope::source {
 namespace {
@@ -44,7 +43,7 @@ bool FitsFloat32(volume::ScalarType type) {
   return volume::SizeOf(type) <= 2 || type == volume::ScalarType::kFloat32;
 }
 
-class MagnitudeSource final : public VolumeSource, public BoxDecoding {
+class MagnitudeSource final : public VolumeSource {
  public:
   explicit MagnitudeSource(std::vector<std::unique_ptr<VolumeSource>> components)
       : VolumeSource(InfoOf(components)), components_(std::move(components)) {}
@@ -80,7 +79,7 @@ class MagnitudeSource final : public VolumeSource, public BoxDecoding {
   [[nodiscard]] std::int64_t decoding_factor() const override {
     std::int64_t factor = 1;
     for (const auto& component : components_) {
-      factor = std::max(factor, DecodingFactorOf(*component));
+      factor = std::max(factor, component->decoding_factor());
     }
     return factor + 1;  // sums and samples beside what a component decodes
   }

@@ -21,13 +21,12 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/status_macros.h"
-#include "core/source/box_decoding.h"
 #include "core/source/grid/affine_grid.h"
 
 namespace isoscope::source {
 namespace {
 
-class PlacedSource final : public VolumeSource, public BoxDecoding {
+class PlacedSource final : public VolumeSource {
  public:
   PlacedSource(SourceInfo info, std::unique_ptr<VolumeSource> source)
       : VolumeSource(std::move(info)), source_(std::move(source)) {}
@@ -42,7 +41,7 @@ class PlacedSource final : public VolumeSource, public BoxDecoding {
     source_->HeedCancellation(cancellation);
   }
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override { return source_->box_grid(); }
-  [[nodiscard]] std::int64_t decoding_factor() const override { return DecodingFactorOf(*source_); }
+  [[nodiscard]] std::int64_t decoding_factor() const override { return source_->decoding_factor(); }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
     return source_->ReadBox(box, out, cancellation);

@@ -13,7 +13,6 @@
 #include "core/base/check.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
-#include "core/source/box_decoding.h"
 
 namespace isoscope::source {
 namespace {
@@ -51,7 +50,7 @@ float HalfValue(std::uint16_t half) {
   return std::bit_cast<float>(sign | wide | (fraction << 13));
 }
 
-class WideSource final : public VolumeSource, public BoxDecoding {
+class WideSource final : public VolumeSource {
  public:
   WideSource(std::unique_ptr<VolumeSource> stored, WideType type)
       : VolumeSource(InfoOf(stored->info(), type)), stored_(std::move(stored)), type_(type) {}
@@ -82,7 +81,7 @@ class WideSource final : public VolumeSource, public BoxDecoding {
   }
 
   [[nodiscard]] std::optional<BoxGrid> box_grid() const override { return stored_->box_grid(); }
-  [[nodiscard]] std::int64_t decoding_factor() const override { return DecodingFactorOf(*stored_); }
+  [[nodiscard]] std::int64_t decoding_factor() const override { return stored_->decoding_factor(); }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
     const math::Index3 dims = box.dims();

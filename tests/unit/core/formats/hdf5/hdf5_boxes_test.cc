@@ -17,7 +17,6 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/coding.h"
-#include "core/source/box_decoding.h"
 #include "tests/support/hdf5_file.h"
 #include "tests/support/hdf5_mesh_file.h"
 #include "tests/support/hdf5_volume_file.h"
@@ -216,7 +215,7 @@ TEST_F(Hdf5BoxesTest, StepsAndComponentsAreTheirOwn) {
     for (const int step : {0, 2}) {
       for (const int component : {0, 1}) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, series->Open(0, component, step));
-        EXPECT_EQ(DecodingFactorOf(*source), name[2] == 'x' ? 4 : 1);
+        EXPECT_EQ(source->decoding_factor(), name[2] == 'x' ? 4 : 1);
         ExpectBoxes(*source,
                     samples.substr(static_cast<std::size_t>(step * 2 + component) * size, size));
       }
