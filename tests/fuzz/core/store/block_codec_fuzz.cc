@@ -15,7 +15,7 @@ namespace {
 using store::BlockEncoding;
 using volume::ScalarType;
 
-constexpr int kEncodingCount = static_cast<int>(store::kLastBlockEncoding) + 1;
+constexpr int kEncodingCount = static_cast<int>(BlockEncoding::kPacked) + 1;  // no halos
 static_assert(128 % kEncodingCount == 0, "seeds count on it");
 constexpr int kMaxSide = 24;
 
