@@ -61,7 +61,7 @@ for number in "$seconds" "$jobs"; do
 done
 
 if [ "$short" = yes ]; then
-  wanted=(manifest_fuzz block_codec_fuzz block_halo_fuzz range_table_fuzz histogram_file_fuzz shard_reader_fuzz pixel_codec_fuzz
+  wanted=(manifest_fuzz block_codec_fuzz block_overhang_fuzz range_table_fuzz histogram_file_fuzz shard_reader_fuzz pixel_codec_fuzz
     open_pixels_fuzz trace_context_fuzz)
   seconds=$(((60 * jobs + ${#wanted[@]} - 1) / ${#wanted[@]}))
 fi

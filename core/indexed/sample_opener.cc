@@ -7,7 +7,7 @@
 //   4. Open: one volume, with random access, of the dimensions and the type of the manifest. Volumes
 //      of a series come from one source, which is kept open for the next one.
 //
-// A block is copied from one unit: the caller has its other samples (core/store/block_halo.h), and
+// A block is copied from one unit: the caller has its other samples (core/store/block_overhang.h), and
 // compares its checksum, so samples that have changed are never drawn.
 
 #include "core/indexed/sample_opener.h"
@@ -41,7 +41,7 @@
 #include "core/source/series_parts.h"
 #include "core/source/source_stamps.h"
 #include "core/source/volume_source.h"
-#include "core/store/block_halo.h"
+#include "core/store/block_overhang.h"
 #include "core/store/manifest.h"
 #include "core/store/source_volume.h"
 

@@ -19,7 +19,7 @@
 #include "core/index/interval_tree_builder.h"
 #include "core/io/file.h"
 #include "core/store/block_codec.h"
-#include "core/store/block_halo.h"
+#include "core/store/block_overhang.h"
 #include "core/store/histogram_file.h"
 
 namespace isoscope::partition {
@@ -40,7 +40,7 @@ ShardSet::ShardSet(const std::string& directory, const volume::BlockLayout& layo
       layout_(layout),
       type_(type),
       plan_(plan),
-      encoding_(in_source.has_value() ? store::BlockEncoding::kHalo : encoding),
+      encoding_(in_source.has_value() ? store::BlockEncoding::kOverhang : encoding),
       in_source_(in_source),
       entries_(directory, plan.entry_bytes) {}
 
@@ -109,7 +109,7 @@ void ShardSet::EncodeBlocks(BlockBatch* batch) const {
     std::string stored;
     const store::BlockEncoding encoding =
         in_source_.has_value()
-            ? store::EncodeHalo(layout_, *in_source_, type_, id, samples, &stored)
+            ? store::EncodeOverhang(layout_, *in_source_, type_, id, samples, &stored)
             : store::EncodeBlock(encoding_, type_, layout_.StoredSamplesOf(id).dims(), samples,
                                  &stored);
     stored.copy(bytes, stored.size());

@@ -31,7 +31,7 @@
 
 namespace isoscope::partition {
 
-// in_source: of an index-only volume, whose blocks are halos, whatever `encoding` is.
+// in_source: of an index-only volume, whose blocks are overhangs, whatever `encoding` is.
 // Thread-compatible: Create, then Write for each batch, then Finish. References must outlive it.
 class ShardSet {
  public:
@@ -92,7 +92,7 @@ class ShardSet {
   const volume::BlockLayout& layout_;
   const volume::ScalarType type_;
   const PartitionPlan& plan_;
-  const store::BlockEncoding encoding_;  // kHalo if the samples are in the source
+  const store::BlockEncoding encoding_;  // kOverhang if the samples are in the source
   const std::optional<store::SourceSamples> in_source_;
   std::vector<std::string> directories_;
   std::vector<std::unique_ptr<store::ShardWriter>> writers_;

@@ -189,8 +189,8 @@ absl::string_view NameOf(BlockEncoding encoding) {
       return "zstd";
     case BlockEncoding::kPacked:
       return "packed";
-    case BlockEncoding::kHalo:
-      return "halo";
+    case BlockEncoding::kOverhang:
+      return "overhang";
   }
   return "unknown";
 }
@@ -230,7 +230,7 @@ absl::Status DecodeBlock(BlockEncoding encoding, volume::ScalarType type, const 
     case BlockEncoding::kZstd:
       is_whole = DecompressAndUnshuffle(encoding, width, stored, raw_size, scratch, out);
       break;
-    case BlockEncoding::kHalo:  // not all samples (block_halo.h)
+    case BlockEncoding::kOverhang:  // not all samples (block_overhang.h)
       break;
   }
   return is_whole ? absl::OkStatus()

@@ -42,7 +42,7 @@ class SampleReader {
  public:
   virtual ~SampleReader() = default;
 
-  // Writes those stored samples of a block that lie in its unit (PartInUnit, block_halo.h) to their
+  // Writes those stored samples of a block that lie in its unit (PartInUnit, block_overhang.h) to their
   // places among all of them, volume::StoredSizeBytes, in `out`. The caller compares their checksum.
   // Errors are those of the source, and name it; that of `cancellation` soon after it fires.
   [[nodiscard]] virtual absl::Status ReadBlock(volume::BlockId id,

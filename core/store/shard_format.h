@@ -93,10 +93,16 @@ absl::StatusOr<BinaryHeader> DecodeBinaryFile(absl::string_view magic, absl::str
                                               absl::string_view where);
 
 // The encoding of a block's stored bytes. On disk: never change the values. Samples wider than a
-// byte are shuffled before LZ4 or Zstandard compress them (docs/format/shard.md, "blocks.bin"). A halo
-// (block_halo.h) is of an index-only shard.
-enum class BlockEncoding : std::uint32_t { kRaw = 0, kLz4 = 1, kZstd = 2, kPacked = 3, kHalo = 4 };
-inline constexpr BlockEncoding kLastBlockEncoding = BlockEncoding::kHalo;
+// byte are shuffled before LZ4 or Zstandard compress them (docs/format/shard.md, "blocks.bin"). An overhang
+// (block_overhang.h) is of an index-only shard.
+enum class BlockEncoding : std::uint32_t {
+  kRaw = 0,
+  kLz4 = 1,
+  kZstd = 2,
+  kPacked = 3,
+  kOverhang = 4
+};
+inline constexpr BlockEncoding kLastBlockEncoding = BlockEncoding::kOverhang;
 
 // An entry of the block index. Offsets in it: 0 block id, 4 encoding, 8 offset (8 bytes), 16 stored
 // size, 20 raw size, 24 CRC-32C of the stored bytes, 28 reserved.

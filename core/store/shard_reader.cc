@@ -9,7 +9,7 @@
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
 //   6. blocks.bin        size; each block's CRC-32C when it is read. That of an index-only shard has
-//                        halos: its source is opened, and blocks are made of both (block_halo.h)
+//                        overhangs: its source is opened, and blocks are made of both (block_overhang.h)
 //   7. histogram.bin     on request only: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
@@ -37,7 +37,7 @@
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
 #include "core/store/block_codec.h"
-#include "core/store/block_halo.h"
+#include "core/store/block_overhang.h"
 #include "core/store/directory_files.h"
 #include "core/store/histogram_file.h"
 #include "core/store/json_fields.h"
@@ -275,8 +275,8 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
     const std::size_t raw_size =
         volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
     const auto encoding = static_cast<BlockEncoding>(entry.encoding);
-    const bool is_expected =
-        encoding == BlockEncoding::kRaw || (encoding == BlockEncoding::kHalo) == is_index_only();
+    const bool is_expected = encoding == BlockEncoding::kRaw ||
+                             (encoding == BlockEncoding::kOverhang) == is_index_only();
     const bool has_right_size = encoding == BlockEncoding::kRaw
                                     ? entry.size == raw_size
                                     : is_expected && entry.size > 0 && entry.size < raw_size;
@@ -294,7 +294,7 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
                        .encoding = encoding};
     offset += entry.size;
     if (is_index_only()) {
-      halos_.push_back(stored);
+      overhangs_.push_back(stored);
       entries_.push_back({.block_id = entry.block_id,
                           .size = static_cast<std::uint32_t>(raw_size),
                           .offset = raw_offset});
@@ -309,7 +309,7 @@ absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_vi
 absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSamples& open_samples) {
   const std::int64_t manifest_bytes =
       manifest_.shards[static_cast<std::size_t>(shard_index_)].block_bytes;
-  const std::vector<Entry>& stored = is_index_only() ? halos_ : entries_;
+  const std::vector<Entry>& stored = is_index_only() ? overhangs_ : entries_;
   const std::int64_t index_bytes =
       stored.empty() ? 0 : stored.back().offset + std::int64_t{stored.back().size};
   const std::string path = PathIn(directory_, kBlocksFileName);
@@ -327,7 +327,7 @@ absl::Status ShardReader::OpenBlocks(const OpenFile& open_file, const OpenSample
           directory_, manifest_.in_source->request.at("path")));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(samples_, open_samples(manifest_));
-    halos_file_ = std::move(blocks_file_);
+    overhangs_file_ = std::move(blocks_file_);
     blocks_file_ = MakeSourceFile(nullptr);
   }
   return absl::OkStatus();
@@ -349,31 +349,32 @@ std::unique_ptr<io::RandomAccessFile> ShardReader::MakeSourceFile(
   };
   const std::int64_t size_bytes =
       entries_.empty() ? 0 : entries_.back().offset + std::int64_t{entries_.back().size};
-  return MakeSourceBlocksFile(halos_file_->path(), size_bytes,
+  return MakeSourceBlocksFile(overhangs_file_->path(), size_bytes,
                               {.find = find, .read = read, .is_local = samples_->is_local()},
                               cancellation);
 }
 
 absl::Status ShardReader::ReadSourceBlock(std::uint32_t ordinal,
                                           const base::Cancellation& cancellation, char* out) const {
-  const Entry& stored = halos_[ordinal];
+  const Entry& stored = overhangs_[ordinal];
   const Entry& entry = entries_[ordinal];
   std::string bytes(stored.size, '\0');
-  ISOSCOPE_RETURN_IF_ERROR(halos_file_->ReadAt(stored.offset, bytes.size(), bytes.data()));
-  ISOSCOPE_RETURN_IF_ERROR(CheckStored(stored, bytes, *halos_file_));
+  ISOSCOPE_RETURN_IF_ERROR(overhangs_file_->ReadAt(stored.offset, bytes.size(), bytes.data()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckStored(stored, bytes, *overhangs_file_));
   if (stored.encoding == BlockEncoding::kRaw) {
     bytes.copy(out, bytes.size());
     return absl::OkStatus();
   }
   const auto in_block = [&](const absl::Status& status) {
-    return absl::Status(status.code(), absl::StrCat("block ", entry.block_id, " of ",
-                                                    halos_file_->path(), ": ", status.message()));
+    return absl::Status(
+        status.code(), absl::StrCat("block ", entry.block_id, " of ", overhangs_file_->path(), ": ",
+                                    status.message()));
   };
   if (absl::Status status = samples_->ReadBlock(entry.block_id, cancellation, out); !status.ok()) {
     return in_block(status);
   }
-  const absl::StatusOr<std::uint32_t> expected =
-      DecodeHalo(layout_, *manifest_.in_source, manifest_.scalar_type, entry.block_id, bytes, out);
+  const absl::StatusOr<std::uint32_t> expected = DecodeOverhang(
+      layout_, *manifest_.in_source, manifest_.scalar_type, entry.block_id, bytes, out);
   if (!expected.ok()) {
     return in_block(expected.status());
   }

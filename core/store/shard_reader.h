@@ -181,7 +181,7 @@ class ShardReader {
   // reads
   [[nodiscard]] std::unique_ptr<io::RandomAccessFile> MakeSourceFile(
       const base::Cancellation* cancellation) const;
-  // Makes a block of an index-only shard of its unit and its halo, and verifies both.
+  // Makes a block of an index-only shard of its unit and its overhang, and verifies both.
   absl::Status ReadSourceBlock(std::uint32_t ordinal, const base::Cancellation& cancellation,
                                char* out) const;
   // Returns "dataset NAME (ID), shard 3 of 16".
@@ -214,11 +214,11 @@ class ShardReader {
   std::shared_ptr<VolumeRanges> ranges_;
   // By ordinal. Those of an index-only shard are of raw blocks, which no file has.
   std::vector<Entry> entries_;
-  std::vector<Entry> halos_;                       // as they are stored, of an index-only shard
+  std::vector<Entry> overhangs_;                   // as they are stored, of an index-only shard
   OpenFile open_file_;                             // of Open, for what is read later
   std::optional<std::uint32_t> histogram_crc32c_;  // of the whole file; not set: there is none
   std::int64_t histogram_bytes_ = 0;
-  std::unique_ptr<io::RandomAccessFile> halos_file_;  // blocks.bin of an index-only shard
+  std::unique_ptr<io::RandomAccessFile> overhangs_file_;  // blocks.bin of an index-only shard
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
   std::shared_ptr<const SampleReader> samples_;  // of an index-only shard
   std::string no_source_;

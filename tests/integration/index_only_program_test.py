@@ -106,7 +106,7 @@ class IndexOnlyTest(unittest.TestCase):
   def test_pictures_are_those_of_the_copy(self):
     copied = self.partition('a', '--levels', '1')
     index_only = self.partition('b', '--levels', '1', '--shards', '3', '--index-only')
-    self.assertLess(self.blocks_bytes(index_only), self.blocks_bytes(copied) / 2)  # halos
+    self.assertLess(self.blocks_bytes(index_only), self.blocks_bytes(copied) / 2)  # overhangs
     self.assertTrue(
         os.path.exists(os.path.join(index_only, 'shard-00000-of-00003', 'level_1', 'blocks.bin')))
     for more in ([], ['--azimuth', '70', '--zoom', '3'], ['--level', '1'], ['--culling', 'none', '--threads', '1'],

@@ -15,7 +15,7 @@ namespace {
 using store::BlockEncoding;
 using volume::ScalarType;
 
-constexpr int kEncodingCount = static_cast<int>(BlockEncoding::kPacked) + 1;  // no halos
+constexpr int kEncodingCount = static_cast<int>(BlockEncoding::kPacked) + 1;  // no overhangs
 static_assert(128 % kEncodingCount == 0, "seeds count on it");
 constexpr int kMaxSide = 24;
 

@@ -186,11 +186,11 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
     EXPECT_EQ(manifest.samples_digest, copied->samples_digest);
     EXPECT_EQ(manifest.range_table_crc32c, copied->range_table_crc32c);
     EXPECT_EQ(manifest.value_range, copied->value_range);
-    std::int64_t halo_bytes = 0;
+    std::int64_t overhang_bytes = 0;
     for (const store::ShardSummary& shard : manifest.shards) {
-      halo_bytes += shard.block_bytes;
+      overhang_bytes += shard.block_bytes;
     }
-    EXPECT_LE(halo_bytes, copied->shards[0].block_bytes);
+    EXPECT_LE(overhang_bytes, copied->shards[0].block_bytes);
 
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StoredBlocks expected,
                                   ReadBlocks(dir_.Sub(absl::StrCat("copy", i)), *copied));

@@ -361,7 +361,7 @@ TEST_F(ShardReaderTest, AnUnknownEncodingIsNamedAndAsksForANewerProgram) {
                        HasSubstr("encoding 5, this program reads 0 to 4; use a newer program")));
 }
 
-TEST_F(ShardReaderTest, AHaloNeedsASource) {
+TEST_F(ShardReaderTest, AnOverhangNeedsASource) {
   TestDataset dataset;
   WriteDataset(&dataset);
   std::string payload = Slurp(ShardFile(kBlockIndexFileName)).substr(kBinaryHeaderBytes);
@@ -369,7 +369,7 @@ TEST_F(ShardReaderTest, AHaloNeedsASource) {
   base::StoreLittleEndian(std::uint32_t{5}, payload.data() + kBlockIndexEntryBytes + 16);
   ReplaceBlockIndex(dataset, payload);
   EXPECT_THAT(ReadShard(shard_directory_),
-              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("stored (halo)")));
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("stored (overhang)")));
 }
 
 TEST_F(ShardReaderTest, BlocksMayLieInAnyOrder) {

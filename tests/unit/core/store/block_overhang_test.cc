@@ -1,4 +1,4 @@
-#include "core/store/block_halo.h"
+#include "core/store/block_overhang.h"
 
 #include <algorithm>
 #include <array>
@@ -50,7 +50,7 @@ std::string OnlyPart(const volume::BlockLayout& layout, const SourceSamples& sou
   return only;
 }
 
-TEST(BlockHaloTest, PartsAreThoseOfTheUnitOfTheFirstOwnSample) {
+TEST(BlockOverhangTest, PartsAreThoseOfTheUnitOfTheFirstOwnSample) {
   // Blocks of 16 cells, units of 64 samples: along x, block 3 has own samples 48 to 64.
   const volume::BlockLayout layout = LayoutOf({200, 40, 40}, {16, 16, 16});
   const SourceSamples source{.request = {}, .unit_origin = {0, 0, 0}, .unit_dims = {64, 64, 64}};
@@ -67,9 +67,9 @@ TEST(BlockHaloTest, PartsAreThoseOfTheUnitOfTheFirstOwnSample) {
             (math::IndexBox{.begin = {0, 0, 0}, .end = {4, 18, 18}}));
 }
 
-// Any blocks, units and types: halo and unit give the samples. Cut or flipped bytes give an error, or
+// Any blocks, units and types: overhang and unit give the samples. Cut or flipped bytes give an error, or
 // samples whose checksum is another.
-TEST(BlockHaloTest, HaloAndUnitAreTheBlock) {
+TEST(BlockOverhangTest, OverhangAndUnitAreTheBlock) {
   constexpr std::array kTypes = {volume::ScalarType::kUint8, volume::ScalarType::kInt16,
                                  volume::ScalarType::kFloat32, volume::ScalarType::kFloat64};
   std::uint64_t next = 0;
@@ -77,7 +77,7 @@ TEST(BlockHaloTest, HaloAndUnitAreTheBlock) {
     return low + static_cast<std::int64_t>(base::RandomBits(11, next++) %
                                            static_cast<std::uint64_t>(high - low + 1));
   };
-  int halo_count = 0;
+  int overhang_count = 0;
   for (int i = 0; i < 400; ++i) {
     SCOPED_TRACE(i);
     const volume::BlockLayout layout =
@@ -92,18 +92,18 @@ TEST(BlockHaloTest, HaloAndUnitAreTheBlock) {
     const std::string samples =
         Bytes(next, volume::StoredSizeBytes(layout, id, type), i % 2 == 0 ? 256 : 3);
     std::string stored;
-    const BlockEncoding encoding = EncodeHalo(layout, source, type, id, samples, &stored);
+    const BlockEncoding encoding = EncodeOverhang(layout, source, type, id, samples, &stored);
     if (encoding == BlockEncoding::kRaw) {
       EXPECT_EQ(stored, samples);
       continue;
     }
-    ++halo_count;
-    ASSERT_EQ(encoding, BlockEncoding::kHalo);
+    ++overhang_count;
+    ASSERT_EQ(encoding, BlockEncoding::kOverhang);
     ASSERT_LT(stored.size(), samples.size());
     const std::string part = OnlyPart(layout, source, id, volume::SizeOf(type), samples);
     std::string found = part;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::uint32_t crc32c,
-                                  DecodeHalo(layout, source, type, id, stored, found.data()));
+                                  DecodeOverhang(layout, source, type, id, stored, found.data()));
     EXPECT_EQ(found, samples);
     EXPECT_EQ(crc32c, base::Crc32c(samples));
 
@@ -115,28 +115,29 @@ TEST(BlockHaloTest, HaloAndUnitAreTheBlock) {
           static_cast<char>(1 << draw(0, 7));
     }
     found = part;
-    const auto got = DecodeHalo(layout, source, type, id, bad, found.data());
+    const auto got = DecodeOverhang(layout, source, type, id, bad, found.data());
     if (got.ok()) {
       EXPECT_TRUE(*got != base::Crc32c(found) || found == samples);
     } else {
       EXPECT_THAT(got, StatusIs(absl::StatusCode::kDataLoss));
     }
   }
-  EXPECT_GT(halo_count, 200);
+  EXPECT_GT(overhang_count, 200);
 }
 
-TEST(BlockHaloTest, ABlockWithinItsUnitHasNoSamplesInIt) {
+TEST(BlockOverhangTest, ABlockWithinItsUnitHasNoSamplesInIt) {
   const volume::BlockLayout layout = LayoutOf({20, 20, 20}, {16, 16, 16});
   const SourceSamples source{.request = {}, .unit_origin = {0, 0, 0}, .unit_dims = {64, 64, 64}};
   const std::string samples =
       Bytes(1, volume::StoredSizeBytes(layout, 0, volume::ScalarType::kUint8), 256);
   std::string stored;
-  EXPECT_EQ(EncodeHalo(layout, source, volume::ScalarType::kUint8, 0, samples, &stored),
-            BlockEncoding::kHalo);
-  EXPECT_EQ(stored.size(), kHaloHeadBytes);
+  EXPECT_EQ(EncodeOverhang(layout, source, volume::ScalarType::kUint8, 0, samples, &stored),
+            BlockEncoding::kOverhang);
+  EXPECT_EQ(stored.size(), kOverhangHeadBytes);
   std::string found = samples;
-  EXPECT_THAT(DecodeHalo(layout, source, volume::ScalarType::kUint8, 0, stored + "x", found.data()),
-              StatusIs(absl::StatusCode::kDataLoss));
+  EXPECT_THAT(
+      DecodeOverhang(layout, source, volume::ScalarType::kUint8, 0, stored + "x", found.data()),
+      StatusIs(absl::StatusCode::kDataLoss));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "core/store/block_halo.h"
+#include "core/store/block_overhang.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -16,7 +16,7 @@
 namespace isoscope::store {
 namespace {
 
-// Calls visit(offset, size) for each run of bytes of the halo, in the order of the stored samples.
+// Calls visit(offset, size) for each run of bytes of the overhang, in the order of the stored samples.
 void ForEachRun(const math::IndexBox& stored, const math::IndexBox& part, std::size_t sample_bytes,
                 absl::FunctionRef<void(std::size_t offset, std::size_t size)> visit) {
   const math::Index3 dims = stored.dims();
@@ -64,21 +64,22 @@ math::IndexBox PartInUnit(const volume::BlockLayout& layout, const SourceSamples
   return part;
 }
 
-BlockEncoding EncodeHalo(const volume::BlockLayout& layout, const SourceSamples& source,
-                         volume::ScalarType type, volume::BlockId id, absl::string_view samples,
-                         std::string* out) {
+BlockEncoding EncodeOverhang(const volume::BlockLayout& layout, const SourceSamples& source,
+                             volume::ScalarType type, volume::BlockId id, absl::string_view samples,
+                             std::string* out) {
   const std::size_t sample_bytes = volume::SizeOf(type);
-  std::string halo;
-  ForEachRun(
-      layout.StoredSamplesOf(id), PartInUnit(layout, source, id), sample_bytes,
-      [&](std::size_t offset, std::size_t size) { halo.append(samples.data() + offset, size); });
+  std::string overhang;
+  ForEachRun(layout.StoredSamplesOf(id), PartInUnit(layout, source, id), sample_bytes,
+             [&](std::size_t offset, std::size_t size) {
+               overhang.append(samples.data() + offset, size);
+             });
   std::string encoded;
   auto encoding = BlockEncoding::kRaw;
-  if (!halo.empty()) {
-    const auto count = static_cast<std::int64_t>(halo.size() / sample_bytes);
-    encoding = EncodeBlock(BlockEncoding::kPacked, type, {count, 1, 1}, halo, &encoded);
+  if (!overhang.empty()) {
+    const auto count = static_cast<std::int64_t>(overhang.size() / sample_bytes);
+    encoding = EncodeBlock(BlockEncoding::kPacked, type, {count, 1, 1}, overhang, &encoded);
   }
-  if (kHaloHeadBytes + encoded.size() >= samples.size()) {
+  if (kOverhangHeadBytes + encoded.size() >= samples.size()) {
     out->assign(samples.data(), samples.size());
     return BlockEncoding::kRaw;
   }
@@ -86,37 +87,38 @@ BlockEncoding EncodeHalo(const volume::BlockLayout& layout, const SourceSamples&
   base::AppendLittleEndian(base::Crc32c(samples), out);
   out->push_back(static_cast<char>(encoding));
   out->append(encoded);
-  return BlockEncoding::kHalo;
+  return BlockEncoding::kOverhang;
 }
 
-absl::StatusOr<std::uint32_t> DecodeHalo(const volume::BlockLayout& layout,
-                                         const SourceSamples& source, volume::ScalarType type,
-                                         volume::BlockId id, absl::string_view stored,
-                                         char* samples) {
+absl::StatusOr<std::uint32_t> DecodeOverhang(const volume::BlockLayout& layout,
+                                             const SourceSamples& source, volume::ScalarType type,
+                                             volume::BlockId id, absl::string_view stored,
+                                             char* samples) {
   const auto is_known = [](char encoding) {
     return encoding >= 0 && static_cast<std::uint32_t>(encoding) <=
                                 static_cast<std::uint32_t>(BlockEncoding::kPacked);
   };
-  if (stored.size() < kHaloHeadBytes || !is_known(stored[sizeof(std::uint32_t)])) {
-    return absl::DataLossError(absl::StrFormat("%d bytes are no halo of a block", stored.size()));
+  if (stored.size() < kOverhangHeadBytes || !is_known(stored[sizeof(std::uint32_t)])) {
+    return absl::DataLossError(
+        absl::StrFormat("%d bytes are no overhang of a block", stored.size()));
   }
   const std::size_t sample_bytes = volume::SizeOf(type);
   const math::IndexBox box = layout.StoredSamplesOf(id);
   const math::IndexBox part = PartInUnit(layout, source, id);
   const std::int64_t count = math::Volume(box.dims()) - math::Volume(part.dims());
-  std::string halo(static_cast<std::size_t>(count) * sample_bytes, '\0');
-  const absl::string_view encoded = stored.substr(kHaloHeadBytes);
+  std::string overhang(static_cast<std::size_t>(count) * sample_bytes, '\0');
+  const absl::string_view encoded = stored.substr(kOverhangHeadBytes);
   if (count == 0) {
     if (!encoded.empty()) {
       return absl::DataLossError(
-          absl::StrFormat("%d bytes of a halo, expected none", encoded.size()));
+          absl::StrFormat("%d bytes of an overhang, expected none", encoded.size()));
     }
   } else {
     std::string scratch;
     ISOSCOPE_RETURN_IF_ERROR(DecodeBlock(static_cast<BlockEncoding>(stored[sizeof(std::uint32_t)]),
-                                         type, {count, 1, 1}, encoded, &scratch, halo.data()));
+                                         type, {count, 1, 1}, encoded, &scratch, overhang.data()));
   }
-  const char* from = halo.data();
+  const char* from = overhang.data();
   ForEachRun(box, part, sample_bytes, [&](std::size_t offset, std::size_t size) {
     std::copy_n(from, size, samples + offset);
     from += size;

@@ -1,4 +1,4 @@
-// Halos of blocks: decoding stays within its buffers, and undoes encoding.
+// Overhangs of blocks: decoding stays within its buffers, and undoes encoding.
 
 #include <algorithm>
 #include <cstddef>
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/base/crc32c.h"
-#include "core/store/block_halo.h"
+#include "core/store/block_overhang.h"
 #include "core/store/sample_reader.h"
 #include "core/volume/block_samples.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -49,7 +49,7 @@ void Decode(const Case& of, absl::string_view stored) {
   // Exactly as large, so that a sanitizer sees what is written beyond it.
   const auto samples = std::make_unique<char[]>(size);
   const auto crc32c =
-      store::DecodeHalo(of.layout, of.source, of.type, of.id, stored, samples.get());
+      store::DecodeOverhang(of.layout, of.source, of.type, of.id, stored, samples.get());
   if (!crc32c.ok()) {
     RequireError(crc32c.status(), {absl::StatusCode::kDataLoss});
   }
@@ -63,14 +63,15 @@ void RoundTrip(const Case& of, absl::string_view bytes) {
   }
   std::string stored;
   const store::BlockEncoding encoding =
-      store::EncodeHalo(of.layout, of.source, of.type, of.id, samples, &stored);
+      store::EncodeOverhang(of.layout, of.source, of.type, of.id, samples, &stored);
   if (encoding == store::BlockEncoding::kRaw) {
     Require(stored == samples, "a raw block has its samples");
     return;
   }
-  Require(stored.size() < samples.size(), "a halo is smaller");
+  Require(stored.size() < samples.size(), "an overhang is smaller");
   std::string found = samples;  // the unit's part is there before
-  const auto crc32c = store::DecodeHalo(of.layout, of.source, of.type, of.id, stored, found.data());
+  const auto crc32c =
+      store::DecodeOverhang(of.layout, of.source, of.type, of.id, stored, found.data());
   Require(crc32c.ok() && *crc32c == base::Crc32c(samples) && found == samples,
           "decoding undoes encoding");
 }
@@ -104,7 +105,7 @@ std::vector<std::string> Seeds() {
     const Case of = TakeCase(&input);
     samples.resize(volume::StoredSizeBytes(of.layout, of.id, of.type), 's');
     std::string stored;
-    store::EncodeHalo(of.layout, of.source, of.type, of.id, samples, &stored);
+    store::EncodeOverhang(of.layout, of.source, of.type, of.id, samples, &stored);
     seeds.push_back(head + stored);
   }
   return seeds;
