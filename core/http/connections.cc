@@ -132,6 +132,7 @@ void Connections::EndWork(std::int64_t id) {
   }
 }
 
+// NOLINTNEXTLINE(performance-unnecessary-value-param): callers hand it over
 void Connections::SetCloser(std::int64_t id, Closer closer) {
   bool at_once = false;
   {

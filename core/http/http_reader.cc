@@ -15,7 +15,7 @@ template <bool is_request>
 void ReadMessagePart(Transport* transport, beast::flat_buffer* buffer,
                      beast_http::basic_parser<is_request>* parser, MessagePart part,
                      const ErrorDone& done, bool has_read) {
-  constexpr std::size_t kMaxReadBytes = 64 * 1024;  // from a socket at a time
+  constexpr std::size_t kMaxReadBytes = std::size_t{64} * 1024;  // from a socket at a time
   const auto is_done = [&] {
     return part == MessagePart::kHeader ? parser->is_header_done() : parser->is_done();
   };

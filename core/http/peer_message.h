@@ -75,7 +75,7 @@ struct PeerAnswer {
 // Thread-compatible.
 class UnsentAnswer {
  public:
-  static constexpr std::size_t kPieceBytes = 64 * 1024;
+  static constexpr std::size_t kPieceBytes = std::size_t{64} * 1024;
 
   explicit UnsentAnswer(PeerAnswer answer);
   // Bytes of the whole answer.
