@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
+#include "core/base/cancellation.h"
 #include "core/formats/open_volume.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
@@ -61,7 +62,8 @@ void ReadBoxes(const source::VolumeSource& volume, const absl::StatusOr<std::str
   }
   const auto size = static_cast<std::size_t>(dims.y * dims.z * volume.info().row_bytes());
   const auto box = std::make_unique<char[]>(size);
-  const absl::Status status = volume.ReadBox({.begin = {0, 0, 0}, .end = dims}, box.get());
+  const absl::Status status =
+      volume.ReadBox({.begin = {0, 0, 0}, .end = dims}, box.get(), base::Cancellation());
   if (!status.ok()) {
     RequireSourceError(status);
     return;

@@ -17,6 +17,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/coding.h"
 #include "core/formats/open_volume.h"
 #include "tests/support/only_volume.h"
@@ -136,7 +137,7 @@ void ExpectBoxesOf(const VolumeSource& source, const std::string& samples) {
         math::IndexBox{{0, 2, 1}, {dims.x, 4, 3}}, math::IndexBox{{5, 0, 7}, {11, 6, 8}}}) {
     const std::string expected = CutOf(samples, dims, 2, box);
     std::string found(expected.size(), '\0');
-    ISOSCOPE_ASSERT_OK(source.ReadBox(box, found.data()));
+    ISOSCOPE_ASSERT_OK(source.ReadBox(box, found.data(), base::Cancellation()));
     EXPECT_TRUE(found == expected) << box.begin.x;
   }
 }
