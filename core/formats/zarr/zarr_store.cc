@@ -22,6 +22,8 @@ std::string Below(const std::string& path, absl::string_view name) {
   return path.empty() ? std::string(name) : absl::StrCat(path, "/", name);
 }
 
+constexpr char kConsolidatedKey[] = ".zmetadata";
+
 bool IsZarrPath(const std::string& path) {
   if (path.empty()) {
     return true;
@@ -43,19 +45,19 @@ ZarrStore::ZarrStore(std::shared_ptr<const ObjectStore> objects, List list)
 absl::StatusOr<std::unique_ptr<ZarrStore>> ZarrStore::Open(
     std::shared_ptr<const ObjectStore> objects, List list) {
   std::unique_ptr<ZarrStore> store(new ZarrStore(std::move(objects), std::move(list)));
-  ISOSCOPE_ASSIGN_OR_RETURN(Texts root, store->Read(""));
+  // Together, since each takes a round trip at an address.
+  absl::StatusOr<std::string> consolidated;
+  ISOSCOPE_ASSIGN_OR_RETURN(Texts root, store->Read("", &consolidated));
   if (root.v3.has_value()) {
     store->TakeConsolidated3(*root.v3);
   } else {
-    const std::string key = ".zmetadata";
-    const ObjectRead read{.key = key, .max_size = kMaxZarrJsonBytes};
-    const auto texts = store->objects_->Read({&read, 1}, base::Cancellation());
-    if (texts[0].ok()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const ZarrJson metadata,
-                                ParseZarrJson(*texts[0], absl::StrCat(store->name(), "/", key)));
+    if (consolidated.ok()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          const ZarrJson metadata,
+          ParseZarrJson(*consolidated, absl::StrCat(store->name(), "/", kConsolidatedKey)));
       store->TakeConsolidated2(metadata);
-    } else if (!absl::IsNotFound(texts[0].status())) {
-      return texts[0].status();
+    } else if (!absl::IsNotFound(consolidated.status())) {
+      return consolidated.status();
     }
     if (!root.array.has_value() && !root.group.has_value() && store->consolidated_.empty()) {
       return absl::NotFoundError(absl::StrCat(
@@ -107,17 +109,24 @@ void ZarrStore::TakeConsolidated3(const ZarrJson& root) {
   }
 }
 
-absl::StatusOr<ZarrStore::Texts> ZarrStore::Read(const std::string& path) {
+absl::StatusOr<ZarrStore::Texts> ZarrStore::Read(const std::string& path,
+                                                 absl::StatusOr<std::string>* consolidated) {
   const std::vector<std::string> names = {"zarr.json", ".zarray", ".zgroup", ".zattrs"};
   std::vector<ObjectRead> reads;
   reads.reserve(names.size());
   for (const std::string& name : names) {
     reads.push_back({.key = Below(path, name), .max_size = kMaxZarrJsonBytes});
   }
+  if (consolidated != nullptr) {
+    reads.push_back({.key = kConsolidatedKey, .max_size = kMaxZarrJsonBytes});
+  }
   Texts texts;
   const std::vector<std::optional<ZarrJson>*> places = {&texts.v3, &texts.array, &texts.group,
                                                         &texts.attributes};
-  const auto objects = objects_->Read(reads, base::Cancellation());
+  auto objects = objects_->Read(reads, base::Cancellation());
+  if (consolidated != nullptr) {
+    *consolidated = std::move(objects.back());
+  }
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (absl::IsNotFound(objects[i].status())) {
       continue;

@@ -61,7 +61,9 @@ class ZarrStore {
     std::optional<ZarrJson> group{};
     std::optional<ZarrJson> attributes{};
   };
-  absl::StatusOr<Texts> Read(const std::string& path);
+  // consolidated: also gets .zmetadata of the root, if it is not null
+  absl::StatusOr<Texts> Read(const std::string& path,
+                             absl::StatusOr<std::string>* consolidated = nullptr);
   void TakeConsolidated2(const ZarrJson& metadata);
   void TakeConsolidated3(const ZarrJson& root);
 
