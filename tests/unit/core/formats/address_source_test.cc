@@ -23,6 +23,7 @@
 #include "core/formats/open_request.h"
 #include "core/formats/source_labels.h"
 #include "core/io/file.h"
+#include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/raw_file.h"
 #include "core/source/source_stamps.h"
 #include "tests/support/folder_test.h"
@@ -228,7 +229,7 @@ TEST_F(AddressSourceTest, BoxesOfHdf5AreThoseOfTheFile) {
     const auto source = (*series)->Open(0, 0, 0);
     ASSERT_THAT(source.status(), IsOk());
     EXPECT_EQ((*source)->box_grid()->box_dims,
-              is_chunked ? (math::Index3{10, 9, 8}) : (math::Index3{128, 32, 32}));
+              is_chunked ? (math::Index3{10, 9, 8}) : FarRowBoxDims(kDims, 2));
     std::string box(samples_.size(), '?');
     ASSERT_THAT(
         (*source)->ReadBox({.begin = {0, 0, 0}, .end = kDims}, box.data(), base::Cancellation()),

@@ -172,13 +172,13 @@ TEST_F(ManyBlocksTest, AllFilesTogetherAreBounded) {
 }
 
 TEST(CachedBlocksTest, GoWithTheirFile) {
-  const auto source = std::make_shared<testing::MemoryBytes>(NoiseOf(10 * kCachedBlockBytes));
+  const auto source = std::make_shared<testing::MemoryBytes>(NoiseOf(13 * kCachedBlockBytes));
   const auto one = MakeCachedFile(source, "https://host/x");
   std::string out(1, '?');
   ASSERT_THAT(one->ReadAt(0, 1, out.data()), IsOk());
   const std::int64_t before = CachedBlockCount();
   auto two = MakeCachedFile(source, "https://host/x");
-  for (const std::int64_t block : {0, 4, 8}) {
+  for (const std::int64_t block : {0, 6, 12}) {  // farther apart than steps
     ASSERT_THAT(two->ReadAt(block * kCachedBlockBytes, 1, out.data()), IsOk());
   }
   EXPECT_EQ(CachedBlockCount(), before + 3);

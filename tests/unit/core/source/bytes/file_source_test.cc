@@ -57,7 +57,16 @@ class CountedBytes final : public ByteSource {
 std::string Mount(const std::shared_ptr<const ByteSource>& bytes) {
   static int number = 0;
   const std::string path = absl::StrCat("http://localhost/", ++number, ".raw");
-  io::MountFile({.file = MakeCachedFile(bytes, path), .version = "1"});
+  io::MountFile({.file = MakeCachedFile(bytes, path),
+                 .version = "1",
+                 .read_pieces = [bytes](absl::Span<const io::FilePiece> pieces,
+                                        const base::Cancellation& cancellation) {
+                   std::vector<ByteRange> ranges;
+                   for (const io::FilePiece& piece : pieces) {
+                     ranges.push_back({piece.range.offset, piece.range.size, piece.out});
+                   }
+                   return bytes->ReadRanges(ranges, cancellation);
+                 }});
   return path;
 }
 
