@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 
+#include "core/base/cancellation.h"
 #include "core/base/status_macros.h"
 #include "core/math/z_order.h"
 #include "core/store/sample_reader.h"
@@ -76,12 +77,15 @@ absl::Status BlockReads::ForEach(const AgentResources& resources,
     metrics->read_bytes.Add(read_bytes_);
     watch.wait = &metrics->read_wait;
   }
+  // Reads of a source end with the frame, and after an error.
+  base::Cancellation reads_end(cancellation.deadline());
+  const base::Cancellation::Callback frame_ends(cancellation, [&] { reads_end.Cancel(); });
   std::optional<UnitReadAhead> ahead;
   std::vector<std::unique_ptr<io::RandomAccessFile>> files;  // of index-only shards
   if (is_index_only_) {
-    ahead.emplace(PlanUnitsAhead(), cancellation);
+    ahead.emplace(PlanUnitsAhead(), reads_end);
     for (const OfShard& of : shards_) {
-      files.push_back(of.reader->OpenSourceBlocks(cancellation));
+      files.push_back(of.reader->OpenSourceBlocks(reads_end));
     }
   }
   std::vector<io::ReadQueue::Read> reads;
@@ -96,7 +100,7 @@ absl::Status BlockReads::ForEach(const AgentResources& resources,
   io::ReadQueue queue(std::move(reads), {.backend = is_index_only_ ? io::ReadBackend::kThreads
                                                                    : io::ReadBackend::kAutomatic,
                                          .max_bytes = resources.max_read_bytes});
-  return ForEachArrival(
+  absl::Status status = ForEachArrival(
       &queue, resources.arena, cancellation,
       [&](const io::ReadQueue::Arrival& arrival) {
         if (ahead.has_value()) {
@@ -105,6 +109,10 @@ absl::Status BlockReads::ForEach(const AgentResources& resources,
         return VisitArrival(arrival, visit, pauses);
       },
       pauses, watch);
+  if (!status.ok()) {
+    reads_end.Cancel();
+  }
+  return status;
 }
 
 // Visits the blocks of an arrival that were not visited yet, until a pause is due.
