@@ -366,6 +366,26 @@ class DamagedHdf5BoxesTest : public Hdf5BoxesTest {
   hsize_t size_ = 0;
 };
 
+TEST_F(Hdf5BoxesTest, TooManyChunksAreRefusedByName) {
+  const hid_t file = H5Fcreate(path_.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  const hsize_t dims[] = {200, 200, 200};
+  const hsize_t chunk[] = {1, 1, 1};
+  const hid_t space = H5Screate_simple(3, dims, nullptr);
+  const hid_t properties = H5Pcreate(H5P_DATASET_CREATE);
+  H5Pset_chunk(properties, 3, chunk);
+  H5Dclose(H5Dcreate2(file, "v", H5T_STD_U8LE, space, H5P_DEFAULT, properties, H5P_DEFAULT));
+  H5Pclose(properties);
+  H5Sclose(space);
+  H5Fclose(file);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path_));
+  char sample = 0;
+  EXPECT_THAT(
+      source->ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, &sample, base::Cancellation()),
+      StatusIs(absl::StatusCode::kInvalidArgument,
+               AllOf(HasSubstr("200 x 200 x 200 chunks; expected at most 4194304"),
+                     HasSubstr("h5repack -l /v:CHUNK=64x64x64"))));
+}
+
 TEST_F(DamagedHdf5BoxesTest, AChunkOutsideOfTheFile) {
   for (const std::uint64_t address :
        {std::uint64_t{1} << 20, std::uint64_t{1} << 62, ~std::uint64_t{0} - 1}) {
