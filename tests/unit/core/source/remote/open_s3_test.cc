@@ -2,14 +2,17 @@
 // signatures are in sigv4_test.
 
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 #include "core/source/remote/open_address.h"
 #include "core/source/remote/remote_client.h"
 #include "core/source/remote/transfer_engine.h"
@@ -34,10 +37,12 @@ class OpenS3Test : public ::testing::Test {
  protected:
   OpenS3Test()
       : server_([this](const ServedRequest& request, ServedConnection* connection) {
-          if (answer_.empty()) {
+          // A client may have an answer before Send returns: the next one takes another string.
+          const std::string answer = GetAnswer();
+          if (answer.empty()) {
             testing::ServeObject({.bytes = "0123456789"}, request, connection);
           } else {
-            connection->Send(answer_);
+            connection->Send(answer);
           }
         }),
         options_(QuickOptions()) {
@@ -48,7 +53,17 @@ class OpenS3Test : public ::testing::Test {
                                              .session_token = Secret("S3cr3tSession")};
   }
 
-  std::string answer_;
+  void SetAnswer(std::string answer) {
+    const base::MutexLock lock(&mutex_);
+    answer_ = std::move(answer);
+  }
+  std::string GetAnswer() {
+    const base::MutexLock lock(&mutex_);
+    return answer_;
+  }
+
+  base::Mutex mutex_;
+  std::string answer_ ABSL_GUARDED_BY(mutex_);
   ScriptedServer server_;
   RemoteOptions options_;
   base::Cancellation never_;
@@ -131,7 +146,7 @@ TEST_F(OpenS3Test, LearnsTheRegionOfABucket) {
 
 TEST_F(OpenS3Test, ErrorsSayTheCodeAndNoMore) {
   const auto error = [&](int status, const std::string& headers, const std::string& body) {
-    answer_ = Answer(status, headers, body);
+    SetAnswer(Answer(status, headers, body));
     return ReadAddress("s3://bucket/key", options_).status();
   };
   const std::string body =
@@ -157,7 +172,7 @@ TEST_F(OpenS3Test, StoresHaveKeysBelowTheirPrefix) {
   const ObjectRead read{.key = "c/0", .max_size = 100};
   EXPECT_EQ(*store->Read({&read, 1}, never_)[0], "0123456789");
   EXPECT_EQ(server_.requests()[0].target, "/bucket/a/c/0");
-  answer_ = Answer(403, "", "<Code>AccessDenied</Code>");
+  SetAnswer(Answer(403, "", "<Code>AccessDenied</Code>"));
   EXPECT_THAT(store->Read({&read, 1}, never_)[0],
               StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("AccessDenied")));
 }
