@@ -321,6 +321,7 @@ class FileSource final : public VolumeSource {
     for (const RowRun& run : RunsOfBox(whole, planes)) {
       plane_bytes += static_cast<std::int64_t>(run.count) * tuple_bytes();
     }
+    ISOSCOPE_CHECK_GT(plane_bytes, 0);
     const std::int64_t at_once = std::max<std::int64_t>(kFetchedBytes / plane_bytes, 1);
     for (; planes.begin.z < box.end.z; planes.begin.z = planes.end.z) {
       planes.end.z = std::min(planes.begin.z + at_once, box.end.z);
