@@ -36,8 +36,9 @@ Hdf5ReadAhead::Hdf5ReadAhead(hid_t dataset, std::vector<hsize_t> start, std::vec
   for (std::size_t axis = 0; axis < chunk.size(); ++axis) {
     layer_bytes *= static_cast<double>(chunk[axis]);
     if (axis != plane_axis_) {
-      layer_bytes *= static_cast<double>((start_[axis] + count_[axis] - 1) / chunk[axis] -
-                                         start_[axis] / chunk[axis] + 1);
+      const hsize_t first = start_[axis] / chunk[axis];
+      const hsize_t last = (start_[axis] + count_[axis] - 1) / chunk[axis];
+      layer_bytes *= static_cast<double>(last - first + 1);
     }
   }
   keeps_layer_ = layer_bytes <= static_cast<double>(cache_bytes);
