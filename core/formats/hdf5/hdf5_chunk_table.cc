@@ -157,11 +157,13 @@ class ChunkList {
     std::vector<hsize_t> corner(table_.start.size());
     for (std::size_t axis = 0; axis < corner.size(); ++axis) {
       const std::int64_t size = table_.chunk_dims[axis];
-      corner[axis] = static_cast<hsize_t>(table_.start[axis] / size * size);
+      const std::int64_t first = table_.start[axis] / size * size;
+      corner[axis] = static_cast<hsize_t>(first);
     }
     for (std::size_t i = 0; i < 3; ++i) {
       const std::size_t axis = table_.space[i];
-      corner[axis] = static_cast<hsize_t>(chunk[i] * table_.chunk_dims[axis]);
+      const std::int64_t first = chunk[i] * table_.chunk_dims[axis];
+      corner[axis] = static_cast<hsize_t>(first);
     }
     return corner;
   }
