@@ -84,8 +84,9 @@ CMD ["--shard", "/shard"]
 # that of the engine's host; for another port than 8080: -e ISOSCOPE_VIEW_PUBLISHED=localhost:9000
 # -p 127.0.0.1:9000:9000.
 FROM runtime AS cli-cpu
+# Nothing here reads GDCM's rules of information objects, nor X11's names of keys.
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages libepoxy0 "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
-    apt-get clean; rm -rf /var/lib/apt/lists/*'
+    apt-get clean; rm -rf /var/lib/apt/lists/* /usr/share/gdcm-3.0 /usr/share/X11'
 COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
 COPY --from=build /src/build/release/lib/isoscope/isoscope_dicom.so /usr/local/lib/isoscope/
 ARG ISOSCOPE_VERSION
