@@ -21,6 +21,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
@@ -129,8 +130,8 @@ absl::StatusOr<source::BoxGrid> GridOf(const source::VolumeSource& source) {
   }
   // A source may find out only now that it can't.
   std::array<char, sizeof(double)> sample{};
-  ISOSCOPE_RETURN_IF_ERROR(
-      source.ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, sample.data(), base::Cancellation()));
+  ISOSCOPE_RETURN_IF_ERROR(source.ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, sample.data(),
+                                          base::ProcessInterrupt()));
   return *grid;
 }
 

@@ -118,7 +118,7 @@ class ShardReader {
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
   // ManifestCrc32c of manifest.json. Equal in all shards of a dataset, with levels or without.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
-  // The bytes of a block in blocks.bin. REQUIRES: ordinal < block_count().
+  // The bytes of a block that are read; of an index-only shard raw. REQUIRES: ordinal < block_count().
   [[nodiscard]] std::int64_t stored_bytes(std::uint32_t ordinal) const;
 
   // Reads and verifies the histogram of the samples that belong to the shard's blocks

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::store {
@@ -16,13 +17,15 @@ class SourceBlocksFile final : public io::RandomAccessFile {
       : path_(std::move(path)),
         size_bytes_(size_bytes),
         blocks_(std::move(blocks)),
-        cancellation_(cancellation == nullptr ? never_ : *cancellation) {}
+        cancellation_(cancellation) {}
 
   [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
                                     char* out) const override {
     ISOSCOPE_RETURN_IF_ERROR(io::CheckRange(*this, offset, size));
     const std::int64_t end = offset + static_cast<std::int64_t>(size);
     std::string whole;  // of a block of which a part is wanted
+    const base::Cancellation& ends =
+        cancellation_ == nullptr ? base::ProcessInterrupt() : *cancellation_;
     while (offset < end) {
       const BlockPlace block = blocks_.find(offset);
       const std::int64_t begin = offset - block.offset;
@@ -31,8 +34,7 @@ class SourceBlocksFile final : public io::RandomAccessFile {
       if (!is_whole) {
         whole.resize(static_cast<std::size_t>(block.size));
       }
-      ISOSCOPE_RETURN_IF_ERROR(
-          blocks_.read(block.ordinal, cancellation_, is_whole ? out : whole.data()));
+      ISOSCOPE_RETURN_IF_ERROR(blocks_.read(block.ordinal, ends, is_whole ? out : whole.data()));
       if (!is_whole) {
         std::copy_n(whole.data() + begin, count, out);
       }
@@ -53,8 +55,7 @@ class SourceBlocksFile final : public io::RandomAccessFile {
   const std::string path_;
   const std::int64_t size_bytes_;
   const SourceBlocks blocks_;
-  const base::Cancellation never_;
-  const base::Cancellation& cancellation_;
+  const base::Cancellation* const cancellation_;
 };
 
 }  // namespace

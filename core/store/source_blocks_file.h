@@ -33,7 +33,7 @@ struct SourceBlocks {
   bool is_local = false;
 };
 
-// cancellation: ends reads; outlives the file. Null: nothing does
+// cancellation: ends reads; outlives the file. Null: the process's interrupt does
 std::unique_ptr<io::RandomAccessFile> MakeSourceBlocksFile(
     std::string path, std::int64_t size_bytes, SourceBlocks blocks,
     const base::Cancellation* cancellation = nullptr);
