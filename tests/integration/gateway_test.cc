@@ -35,6 +35,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
+#include "core/base/metrics.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/io/file.h"
@@ -1093,6 +1094,16 @@ class FakeBackedGateway {
     server_->Shutdown(base::MonotonicNow());
   }
 
+  double OpenConnections() {
+    for (const base::MetricFamily& family : gateway->CollectMetrics()) {
+      if (family.name == "isoscope_http_connections") {
+        return family.samples[0].value;
+      }
+    }
+    ADD_FAILURE() << "no such metric";
+    return 0;
+  }
+
   EndlessService endless;
   OneDataset datasets;
   FloodService flood;
@@ -1260,12 +1271,17 @@ TEST(GatewayServerTest, AClientThatTakesAnAnswerByTheByteIsDropped) {
   slow.Send(GetMesh("Connection: close\r\n"));
   std::size_t taken = 0;
   error_code error;
-  std::string byte(1000, ' ');
-  while (!error && taken < 40 * EndlessService::kPieceVertices * 24) {
-    taken += slow.socket().read_some(asio::buffer(byte), error);
+  std::string bytes(1000, ' ');
+  do {
+    taken += slow.socket().read_some(asio::buffer(bytes), error);
     absl::SleepFor(absl::Milliseconds(5));
+  } while (!error && fakes.OpenConnections() > 0);
+  // What the buffers of the two sockets still hold.
+  bytes.resize(1 << 20);
+  while (!error) {
+    taken += slow.socket().read_some(asio::buffer(bytes), error);
   }
-  EXPECT_TRUE(error);
+  EXPECT_LT(taken, 40 * EndlessService::kPieceVertices * 24);
 }
 
 TEST(GatewayServerTest, MoreWorkThanTheLimitIsRefusedAndConnectionsThatWaitAreNoWork) {
@@ -1273,8 +1289,18 @@ TEST(GatewayServerTest, MoreWorkThanTheLimitIsRefusedAndConnectionsThatWaitAreNo
   Connection waiting(fakes.address);
   Connection other(fakes.address);
   EXPECT_EQ(Get(fakes.address, "/").result_int(), 200U);
-  auto first = std::make_unique<Viewer>(fakes.address);
-  auto second = std::make_unique<Viewer>(fakes.address);
+  // An answered request may hold its place a moment longer.
+  const auto view = [&fakes] {
+    const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
+    auto viewer = std::make_unique<Viewer>(fakes.address);
+    while (viewer->status() == 429 && base::MonotonicNow() < deadline) {
+      absl::SleepFor(absl::Milliseconds(10));
+      viewer = std::make_unique<Viewer>(fakes.address);
+    }
+    return viewer;
+  };
+  const auto first = view();
+  const auto second = view();
   const auto refused = Get(fakes.address, "/");
   EXPECT_EQ(refused.result_int(), 429U);
   EXPECT_THAT(refused.body(), HasSubstr("--max-connections"));
