@@ -28,10 +28,10 @@ void Cancellation::Cancel() {
 
 absl::Status Cancellation::Check() const {
   if (is_cancelled()) {
-    return absl::CancelledError("the frame was cancelled");
+    return absl::CancelledError("the operation was cancelled");
   }
   if (deadline_ != MonotonicTime::InfiniteFuture() && MonotonicNow() > deadline_) {
-    return absl::DeadlineExceededError("the frame's deadline has passed");
+    return absl::DeadlineExceededError("the deadline of the operation has passed");
   }
   return absl::OkStatus();
 }

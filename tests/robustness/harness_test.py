@@ -277,7 +277,7 @@ class JudgeTest(unittest.TestCase):
         self.episodes.begin("drain_coordinator", "c0", 97.0)
         for code, message in (("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")):
             self.assertEqual(self._error(code=code, message=message), "error")
-            self.assertEqual(self._error(code=code, message="the frame was cancelled"), "undocumented")
+            self.assertEqual(self._error(code=code, message="the operation was cancelled"), "undocumented")
 
     def test_planted_hang_is_hung_even_if_the_answer_is_right(self):
         self.assertEqual(self._verdict(end=102.9), "exact")
