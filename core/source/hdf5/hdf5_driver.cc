@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/io/file.h"
 #include "core/io/mounted_file.h"
 
 namespace isoscope::source {

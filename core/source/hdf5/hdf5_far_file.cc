@@ -16,7 +16,6 @@
 #include "absl/strings/str_cat.h"
 #include <sys/mman.h>
 
-#include "core/io/file.h"
 #include "core/source/hdf5/hdf5_driver.h"
 #include "core/source/hdf5/hdf5_file_lookup.h"
 
