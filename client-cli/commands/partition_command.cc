@@ -116,8 +116,8 @@ constexpr char kCompactHelp[] =
 
 constexpr char kIndexOnlyHelp[] =
     "leave the samples in INPUT, which must stay where it is and as it is: tables and levels take "
-    "a "
-    "quarter of the disk, first frames longer; for Zarr, VTI, and files without compression";
+    "a quarter of the disk, first frames longer; for Zarr, HDF5, VTI, and files without "
+    "compression";
 
 absl::Status GreedySeriesError() {
   return UsageError(

@@ -9,8 +9,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
-#include "absl/strings/strip.h"
 
+#include "core/source/bytes/object_key.h"
 #include "core/source/bytes/part_path.h"
 
 namespace isoscope::source {
@@ -56,11 +56,8 @@ std::string FieldNameOf(absl::string_view path, absl::Span<const Format> formats
   constexpr std::array<absl::string_view, 12> kNameEndings{{".gz", ".nii", ".hdr", ".img", ".nrrd",
                                                             ".nhdr", ".mha", ".mhd", ".tif",
                                                             ".tiff", ".dcm", ".rec"}};
-  absl::string_view name = path;
-  while (absl::ConsumeSuffix(&name, "/")) {
-  }
-  name = name.substr(name.rfind('/') + 1);
-  const absl::string_view whole = name;
+  const std::string whole = LastPartOfPath(path);
+  absl::string_view name = whole;
   for (const absl::string_view ending : kNameEndings) {
     if (absl::EndsWithIgnoreCase(name, ending)) {
       name.remove_suffix(ending.size());

@@ -146,12 +146,14 @@ class Handler(http.server.BaseHTTPRequestHandler):
     after = parameters.get("continuation-token", "")
     keys = [key for key in keys if key > after]
     page, rest = keys[:owner.page], keys[owner.page:]
-    quote = urllib.parse.quote if parameters.get("encoding-type") == "url" else escape
+    is_encoded = parameters.get("encoding-type") == "url"
+    quote = urllib.parse.quote if is_encoded else escape
     body = "".join(
       "<Contents><Key>%s</Key><Size>%d</Size></Contents>"
       % (quote(key), os.path.getsize(os.path.join(root, key))) for key in page)
     more = ("<IsTruncated>true</IsTruncated><NextContinuationToken>%s</NextContinuationToken>"
         % escape(page[-1]) if rest else "<IsTruncated>false</IsTruncated>")
+    more += "<EncodingType>url</EncodingType>" if is_encoded else ""
     self.answer(200, ('<?xml version="1.0" encoding="UTF-8"?><ListBucketResult>%s%s'
                           "</ListBucketResult>" % (more, body)).encode(),
           [("Content-Type", "application/xml")])

@@ -24,6 +24,7 @@
 #include "core/source/bytes/zip_store.h"
 #include "core/source/chunks/stored_array.h"
 #include "core/source/series_parts.h"
+#include "core/volume/field_name.h"
 
 namespace isoscope::source {
 namespace {
@@ -77,6 +78,35 @@ struct ZarrOpened {
   ZarrVolumes volumes{};
   std::string part{};  // of their fields; "": all
 };
+// Arrays of other fields than the part's decide nothing of it: not that they have changed, and there
+// may be very many files of them.
+void LeaveOutOtherFields(ZarrOpened* opened) {
+  const std::vector<ZarrField>& fields = opened->volumes.fields;
+  const auto name = volume::FindFieldName(
+      opened->part, [&](absl::string_view text) -> std::optional<std::size_t> {
+        for (std::size_t i = 0; i < fields.size(); ++i) {
+          if (fields[i].field.name == text) {
+            return i;
+          }
+        }
+        return std::nullopt;
+      });
+  if (!name.has_value()) {
+    return;
+  }
+  const std::string& wanted = fields[name->field].array.path;
+  std::vector<std::string>& arrays = opened->volumes.arrays;
+  arrays.erase(std::remove_if(arrays.begin(), arrays.end(),
+                              [&](const std::string& array) {
+                                return array != wanted &&
+                                       std::any_of(fields.begin(), fields.end(),
+                                                   [&](const ZarrField& field) {
+                                                     return field.array.path == array;
+                                                   });
+                              }),
+               arrays.end());
+}
+
 absl::StatusOr<ZarrOpened> FindPart(ZarrStore* store, const std::string& part,
                                     const std::string& axes, const GridRules& rules) {
   ISOSCOPE_ASSIGN_OR_RETURN(ZarrTarget target, TargetOf(store, part));
@@ -101,6 +131,7 @@ absl::StatusOr<ZarrOpened> FindPart(ZarrStore* store, const std::string& part,
       opened.part != opened.volumes.fields[0].field.name) {
     opened.part = absl::StrCat(opened.volumes.fields[0].field.name, ":", opened.part);
   }
+  LeaveOutOtherFields(&opened);
   return opened;
 }
 

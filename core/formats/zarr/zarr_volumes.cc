@@ -27,6 +27,7 @@
 #include "core/base/status_macros.h"
 #include "core/formats/zarr/cf_arrays.h"
 #include "core/formats/zarr/ome_image.h"
+#include "core/source/bytes/object_key.h"
 #include "core/source/grid/axis_order.h"
 #include "core/source/grid/cf_grid.h"
 #include "core/source/series_parts.h"
@@ -50,11 +51,7 @@ std::string Joined(const std::string& group, const std::string& path) {
 
 // "scan" of "/d/scan.ome.zarr" and "/d/scan.zarr.zip".
 std::string StoreFieldName(const std::string& store_name) {
-  std::string name = store_name;
-  while (name.size() > 1 && name.back() == '/') {
-    name.pop_back();
-  }
-  name = LastNameOf(name);
+  std::string name = LastPartOfPath(store_name);
   for (const absl::string_view ending : {".zip", ".ozx", ".zarr", ".ome"}) {
     if (name.size() > ending.size() && absl::EndsWithIgnoreCase(name, ending)) {
       name.resize(name.size() - ending.size());

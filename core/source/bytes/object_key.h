@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -21,6 +22,10 @@ inline constexpr std::size_t kMaxKeyBytes = 1024;
 // INVALID_ARGUMENT unless `key` has 1 to kMaxKeyBytes bytes and its parts, joined by '/', are names:
 // none is empty, "." or "..", none has a control character. So a key leads below its folder.
 absl::Status CheckObjectKey(absl::string_view key);
+
+// The last part of a path or an address, without the '/' behind it. Of an address of HTTP it is
+// decoded, "a b" of "https://host/a%20b", where that is a key of UTF-8 without '/'.
+std::string LastPartOfPath(absl::string_view path);
 
 // Bytes [offset, offset + size) of an object.
 struct ObjectExtent {

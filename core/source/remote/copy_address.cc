@@ -220,17 +220,39 @@ class FileSink : public FetchSink {
   std::int64_t total_bytes_ = -1;
 };
 
+// Forgets what comes.
+class IdleSink : public FetchSink {
+ public:
+  absl::Status Begin(std::int64_t /*size*/) override { return absl::OkStatus(); }
+  absl::Status Append(absl::string_view /*bytes*/) override { return absl::OkStatus(); }
+};
+
+// Asks for a range again. Returns the object's version if the server ignores ranges, or tells no size
+// with them; not set: it does not, so that an earlier error stands.
+absl::StatusOr<std::optional<ObjectVersion>> VersionWithoutRanges(
+    RemoteClient* client, const Address& address, const base::Cancellation& cancellation) {
+  IdleSink sink;
+  FetchJob job{
+      .address = address, .kind = FetchJob::Kind::kWithin, .first = 0, .last = 1, .sink = &sink};
+  Fetch(client, absl::MakeSpan(&job, 1), /*stops_at_error=*/true, cancellation).IgnoreError();
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  const bool is_whole = job.ignores_ranges || (job.status.ok() && job.version.size < 0);
+  return is_whole ? std::optional<ObjectVersion>(job.version) : std::nullopt;
+}
+
 struct WholeCopy {
   std::int64_t size_bytes = 0;
   std::string version;
   bool is_folder = false;  // the server led to the page of a folder
 };
-// Copies an object with one request, as servers without ranges need it.
+// Copies an object with one request, as servers without ranges need it. Nothing but `expected`, of
+// another answer, tells that a body is whole.
 absl::StatusOr<WholeCopy> CopyWhole(RemoteClient* client, const Address& address,
-                                    const std::string& part_path, const CopyHooks& hooks,
+                                    const ObjectVersion& expected, const std::string& part_path,
+                                    const CopyHooks& hooks,
                                     const base::Cancellation& cancellation) {
   FileSink sink(part_path, hooks);
-  FetchJob job{.address = address, .sink = &sink};
+  FetchJob job{.address = address, .expected = &expected, .sink = &sink};
   ISOSCOPE_RETURN_IF_ERROR(
       Fetch(client, absl::MakeSpan(&job, 1), /*stops_at_error=*/true, cancellation));
   ISOSCOPE_RETURN_IF_ERROR(sink.Close());
@@ -276,8 +298,11 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
   }
   absl::StatusOr<std::unique_ptr<ByteSource>> source = OpenAddress(
       address.is_s3 ? NameOf(address) : UrlOf(address), client->options(), cancellation);
-  const bool is_whole = absl::IsFailedPrecondition(source.status());  // a server without ranges
-  if (!source.ok() && !is_whole) {
+  std::optional<ObjectVersion> without_ranges;
+  if (absl::IsFailedPrecondition(source.status())) {
+    ISOSCOPE_ASSIGN_OR_RETURN(without_ranges, VersionWithoutRanges(client, address, cancellation));
+  }
+  if (!source.ok() && !without_ranges.has_value()) {
     return source.status();
   }
   if (!io::PathExists(folder)) {
@@ -286,8 +311,8 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
   const CopyParts names{.path = report.path};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::FileLock> lock,
                             io::FileLock::Take(names.lock));
-  if (is_whole) {
-    const auto whole = CopyWhole(client, address, names.part, hooks, cancellation);
+  if (without_ranges.has_value()) {
+    const auto whole = CopyWhole(client, address, *without_ranges, names.part, hooks, cancellation);
     if (!whole.ok()) {
       return EndCopy(names, whole.status());
     }
@@ -362,8 +387,9 @@ absl::StatusOr<CopyReport> CopyAddress(absl::string_view address, const std::str
   // 2. All below it.
   const auto objects = ListObjects(&client, parsed, cancellation);
   if (!objects.ok()) {
-    return object_error.ok() || absl::IsCancelled(objects.status()) ? objects.status()
-                                                                    : object_error;
+    const bool is_told = object_error.ok() || absl::IsCancelled(objects.status()) ||
+                         absl::IsInvalidArgument(objects.status());  // a list, but a bad one
+    return is_told ? objects.status() : object_error;
   }
   const auto copy_large = [&](const Address& object,
                               const std::string& below) -> absl::StatusOr<CopyReport> {

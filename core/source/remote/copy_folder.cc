@@ -296,9 +296,13 @@ absl::Status FolderCopy::CopyRest(const std::vector<ListedObject>& objects,
       (objects[i].size > kLargeObjectBytes ? large : small).push_back(&objects[i]);
     }
     std::vector<SmallObjectSink> sinks(small.size());
+    std::vector<ObjectVersion> listed(small.size());
     std::vector<FetchJob> jobs;
     for (std::size_t i = 0; i < small.size(); ++i) {
-      jobs.push_back({.address = AddressBelow(prefix_, small[i]->key), .sink = &sinks[i]});
+      listed[i].size = small[i]->size;
+      jobs.push_back({.address = AddressBelow(prefix_, small[i]->key),
+                      .expected = &listed[i],
+                      .sink = &sinks[i]});
     }
     Fetch(client_, absl::MakeSpan(jobs), /*stops_at_error=*/false, cancellation_).IgnoreError();
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());

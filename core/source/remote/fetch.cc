@@ -260,6 +260,8 @@ class Fetching : public TransferSink {
         seen.size = 0;
         return CheckVersion();
       }
+      seen.size = content_length;
+      job_->ignores_ranges = true;
       return absl::FailedPreconditionError(
           "the server ignores ranges: it answers 200 with the whole object; bring it with: "
           "isoscope "

@@ -69,6 +69,8 @@ struct FetchJob {
   // version.size set, and no call of the sink.
   absl::Status status = {};
   ObjectVersion version = {};
+  bool ignores_ranges =
+      false;  // a range was answered by the whole object, which `version` describes
 };
 
 // Runs all jobs, some at a time. Each has its status then. Returns the first error. If

@@ -79,6 +79,7 @@ struct ListReader {
   std::string text;  // of the tag that is open
   bool has_root = false;
   bool is_truncated = false;
+  bool is_encoded = false;  // keys are percent-encoded, as the list says
   std::string next;
   ListedObject object;
   bool is_in_contents = false;
@@ -121,16 +122,13 @@ void EndListTag(void* data, const XML_Char* name) {
     reader->is_in_contents = false;
     reader->page.objects.push_back(std::move(reader->object));
   } else if (reader->is_in_contents && tag == "Key") {
-    std::optional<std::string> key = DecodeListed(text, /*plus_is_space=*/true);
-    if (!key.has_value()) {
-      reader->Stop("a key that is not percent-encoded");
-      return;
-    }
-    reader->object.key = *std::move(key);
+    reader->object.key = text;
   } else if (reader->is_in_contents && tag == "Size") {
     if (!absl::SimpleAtoi(text, &reader->object.size) || reader->object.size < 0) {
       reader->Stop("a size that is no number");
     }
+  } else if (!reader->is_in_contents && tag == "EncodingType") {
+    reader->is_encoded = absl::StripAsciiWhitespace(text) == "url";
   } else if (tag == "IsTruncated") {
     reader->is_truncated = absl::StripAsciiWhitespace(text) == "true";
   } else if (tag == "NextContinuationToken") {
@@ -141,6 +139,21 @@ void EndListTag(void* data, const XML_Char* name) {
 void RefuseDoctype(void* data, const XML_Char* /*name*/, const XML_Char* /*system*/,
                    const XML_Char* /*public_id*/, int /*has_subset*/) {
   static_cast<ListReader*>(data)->Stop("a DOCTYPE");
+}
+
+// Decodes the keys of a list that says that they are encoded; some servers do not heed encoding-type.
+absl::Status DecodeKeys(ListReader* reader) {
+  for (ListedObject& object : reader->page.objects) {
+    std::optional<std::string> key = reader->is_encoded
+                                         ? DecodeListed(object.key, /*plus_is_space=*/true)
+                                         : std::move(object.key);
+    if (!key.has_value()) {
+      return absl::InvalidArgumentError(
+          "what the server sends is no list of S3: a key that is not percent-encoded");
+    }
+    object.key = *std::move(key);
+  }
+  return absl::OkStatus();
 }
 
 struct FreeParser {
@@ -283,6 +296,7 @@ absl::StatusOr<ListedPage> ParseS3List(absl::string_view xml) {
         "what the server sends is no list of S3: ",
         reader.fault.empty() ? XML_ErrorString(XML_GetErrorCode(parser.get())) : reader.fault));
   }
+  ISOSCOPE_RETURN_IF_ERROR(DecodeKeys(&reader));
   if (reader.is_truncated) {
     if (reader.next.empty()) {
       return absl::InvalidArgumentError("the server cuts its list, and gives no token to go on");

@@ -40,7 +40,8 @@ struct ListedPage {
   std::vector<ListedObject> objects;  // whole keys
   std::string next = {};              // the token of the next page; empty: the last one
 };
-// INVALID_ARGUMENT: no list. Keys are percent-encoded, as encoding-type=url asks for.
+// INVALID_ARGUMENT: no list. Keys are decoded if the list says that they are percent-encoded, as
+// encoding-type=url asks for.
 absl::StatusOr<ListedPage> ParseS3List(absl::string_view xml);
 
 // The names that a page of an index links to, one level below `path`, the path of the page, which is

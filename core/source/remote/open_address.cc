@@ -1,6 +1,7 @@
 #include "core/source/remote/open_address.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -192,7 +193,12 @@ class RemoteStore : public ObjectStore {
         .IgnoreError();  // each job has its own
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       const std::size_t i = read_of_job[j];
-      answers[i] = AnswerOf(reads[i], jobs[j], &sinks[i]);
+      if (IsSuffixMistaken(jobs[j])) {
+        answers[i] = ReadIndirectly(reads[i], cancellation);
+        knows_suffixes_ = knows_suffixes_ && !answers[i].ok();
+      } else {
+        answers[i] = AnswerOf(reads[i], jobs[j], &sinks[i]);
+      }
     }
     return answers;
   }
@@ -214,9 +220,17 @@ class RemoteStore : public ObjectStore {
     return absl::OkStatus();
   }
 
-  // Reads that one request can't express: of no bytes, of the first bytes of a suffix.
-  static bool IsIndirect(const ObjectRead& read) {
-    return read.size == 0 || (read.offset < 0 && read.size >= 0 && read.size != -read.offset);
+  // Reads that one request can't express: of no bytes, of the first bytes of a suffix, of a suffix
+  // where the server knows none.
+  [[nodiscard]] bool IsIndirect(const ObjectRead& read) const {
+    return read.size == 0 ||
+           (read.offset < 0 && (!knows_suffixes_ || (read.size >= 0 && read.size != -read.offset)));
+  }
+  // Some servers know ranges, but not bytes=-N: they send the whole object, or its first bytes.
+  static bool IsSuffixMistaken(const FetchJob& job) {
+    return job.kind == FetchJob::Kind::kSuffix &&
+           (absl::IsFailedPrecondition(job.status) || absl::IsDataLoss(job.status) ||
+            absl::IsOutOfRange(job.status));
   }
 
   [[nodiscard]] absl::StatusOr<std::string> ReadIndirectly(
@@ -265,6 +279,7 @@ class RemoteStore : public ObjectStore {
   const std::shared_ptr<RemoteClient> client_;
   const Address prefix_;
   const std::string name_;
+  mutable std::atomic<bool> knows_suffixes_ = true;
 };
 
 }  // namespace

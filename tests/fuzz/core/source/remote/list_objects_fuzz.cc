@@ -36,7 +36,9 @@ void Run(absl::string_view text) {
 
 std::vector<std::string> Seeds() {
   return {
-      "<?xml version=\"1.0\"?><ListBucketResult><IsTruncated>true</IsTruncated>"
+      "<?xml "
+      "version=\"1.0\"?><ListBucketResult><EncodingType>url</EncodingType><IsTruncated>true</"
+      "IsTruncated>"
       "<NextContinuationToken>t</NextContinuationToken><Contents><Key>a%20b+c</Key><Size>12</Size>"
       "</Contents></ListBucketResult>",
       "<html><a href=\"../\">up</a><a href=\"a%20b\">a</a><a href='/data/c&amp;d/'>c</a></html>"};

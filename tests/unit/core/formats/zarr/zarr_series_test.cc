@@ -139,6 +139,31 @@ TEST(ZarrSeriesTest, ListsTheFilesThatDecide) {
   EXPECT_THAT(FilesOfZarr(root, "s0/none", ""), StatusIs(absl::StatusCode::kNotFound));
 }
 
+// Of a store of many arrays on one grid, as xarray writes it, a command that draws one does not look
+// at the files of all, and a change of another one is none of it.
+TEST(ZarrSeriesTest, ListsTheFilesOfOneFieldOfAGroup) {
+  const testing::TempDir dir;
+  const std::string root =
+      WriteStore(dir, "run.zarr",
+                 {{".zgroup", "{\"zarr_format\": 2}"},
+                  {"a/.zarray", Zarr2Text({2, 3, 4}, {2, 3, 4}, "|u1")},
+                  {"a/.zattrs", "{\"_ARRAY_DIMENSIONS\": [\"z\", \"y\", \"x\"]}"},
+                  {"a/0.0.0", std::string(24, 'a')},
+                  {"b/.zarray", Zarr2Text({2, 3, 4}, {2, 3, 4}, "|u1")},
+                  {"b/.zattrs", "{\"_ARRAY_DIMENSIONS\": [\"z\", \"y\", \"x\"]}"},
+                  {"b/0.0.0", std::string(24, 'b')},
+                  {"z/.zarray", Zarr2Text({2}, {2}, "|u1")},
+                  {"z/.zattrs", "{\"_ARRAY_DIMENSIONS\": [\"z\"]}"},
+                  {"z/0", std::string("\x01\x03")}});
+  const std::vector<std::string> of_b = {
+      root + "/.zgroup",   root + "/b/.zarray", root + "/b/.zattrs", root + "/b/0.0.0",
+      root + "/z/.zarray", root + "/z/.zattrs", root + "/z/0"};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfZarr(root, "b", ""));
+  EXPECT_EQ(files, of_b);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, FilesOfZarr(root, "", ""));
+  EXPECT_EQ(all.size(), of_b.size() + 3);
+}
+
 TEST(ZarrSeriesTest, ListsTheFilesOfAStep) {
   const testing::TempDir dir;
   Objects objects = Image();

@@ -25,6 +25,21 @@ TEST(ObjectKeyTest, AKeyLeadsBelowItsFolder) {
   }
 }
 
+// Fields have the same names at an address and in a copy.
+TEST(ObjectKeyTest, TheLastPartOfAnAddressIsDecodedWhereThatIsAName) {
+  EXPECT_EQ(LastPartOfPath("https://host/a%20folder/two%3D2%2B%20%C3%A9.zarr/"),
+            "two=2+ \u00e9.zarr");
+  EXPECT_EQ(LastPartOfPath("http://host/100%"), "100%");
+  EXPECT_EQ(LastPartOfPath("http://host/%zz%4"), "%zz%4");
+  for (const char* const kept : {"a%2Fb", "a%0Ab", "%ff", "%00", "%2e"}) {
+    EXPECT_EQ(LastPartOfPath(std::string("http://host/") + kept), kept);
+  }
+  EXPECT_EQ(LastPartOfPath("s3://bucket/a%20b.zarr"), "a%20b.zarr");
+  EXPECT_EQ(LastPartOfPath("/data/a%20b.zarr/"), "a%20b.zarr");
+  EXPECT_EQ(LastPartOfPath("run"), "run");
+  EXPECT_EQ(LastPartOfPath("/"), "");
+}
+
 // Against a plain loop over the bytes of a small object.
 TEST(ObjectKeyTest, ExtentsAreThoseOfALoop) {
   constexpr std::int64_t kObjectSize = 4;

@@ -233,5 +233,32 @@ TEST_F(CopyAddressTest, TakesAnObjectWholeWhereThereAreNoRanges) {
   EXPECT_TRUE(std::filesystem::is_directory(dir_.Sub("out/folder")));
 }
 
+// A body with the length that its head says may be a part of the object all the same: only the answer
+// before it tells. Without CopyWhole's `expected`, half of the object is copied.
+TEST_F(CopyAddressTest, AWholeObjectHasTheSizeThatTheServerSaidBefore) {
+  ScriptedServer server([&](const ServedRequest& request, ServedConnection* connection) {
+    const bool is_whole = request.Header("range").empty();
+    connection->Send(Answer(200, "", is_whole ? bytes_.substr(0, bytes_.size() / 2) : bytes_));
+    connection->Close();
+  });
+  const base::Cancellation never;
+  EXPECT_THAT(
+      CopyAddress(server.origin() + "/vol%20ume.raw", dir_.Sub("out"), QuickOptions(), {}, never),
+      StatusIs(absl::StatusCode::kDataLoss, HasSubstr("it had 7340037 bytes, and has 3670018")));
+  EXPECT_FALSE(std::filesystem::exists(dir_.Sub("out/vol ume.raw")));
+}
+
+// An error of the first request does not say that the server knows no ranges.
+TEST_F(CopyAddressTest, TakesNoObjectWholeAfterAnotherError) {
+  ScriptedServer server([&](const ServedRequest& request, ServedConnection* connection) {
+    connection->Send(Answer(request.Header("range").empty() ? 200 : 400, "", bytes_));
+  });
+  const base::Cancellation never;
+  EXPECT_THAT(
+      CopyAddress(server.origin() + "/vol%20ume.raw", dir_.Sub("out"), QuickOptions(), {}, never),
+      StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("400")));
+  EXPECT_FALSE(std::filesystem::exists(dir_.Sub("out/vol ume.raw")));
+}
+
 }  // namespace
 }  // namespace isoscope::source

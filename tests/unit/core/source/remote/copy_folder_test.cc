@@ -61,15 +61,18 @@ class CopyFolderTest : public testing::FolderTest {
                           "</Key><Size>", bytes.size(), "</Size></Contents>");
         }
       }
-      connection->Send(Answer(200, "",
-                              absl::StrCat("<ListBucketResult>", contents,
-                                           "<IsTruncated>false</IsTruncated>"
-                                           "</ListBucketResult>")));
+      connection->Send(
+          Answer(200, "",
+                 absl::StrCat("<ListBucketResult><EncodingType>url</EncodingType>", contents,
+                              "<IsTruncated>false</IsTruncated>"
+                              "</ListBucketResult>")));
       return;
     }
     const std::string key = target.substr(8);  // "/bucket/"
     if (broken_.contains(key)) {
       connection->Send(Answer(404, "", ""));
+    } else if (key == cut_key_) {
+      connection->Send(Answer(200, "", objects_[key].substr(0, objects_[key].size() / 2)));
     } else if (objects_.contains(key)) {
       testing::ServeObject(
           {.bytes = objects_[key], .etag = absl::StrCat("\"", versions_[key], "\"")}, request,
@@ -123,6 +126,7 @@ class CopyFolderTest : public testing::FolderTest {
   std::map<std::string, std::string> objects_;
   std::map<std::string, int> versions_;
   std::set<std::string> broken_;
+  std::string cut_key_;  // its answer is half of it, whose head says so
   std::vector<std::string> notes_;
 };
 
@@ -134,6 +138,19 @@ TEST_F(CopyFolderTest, CopiesWhatS3ListsBelowAPrefix) {
   EXPECT_THAT(notes_, IsEmpty());
   ExpectCopied();
   EXPECT_THAT(Copy("s3://bucket/run/").status(), StatusIs(absl::StatusCode::kAlreadyExists));
+}
+
+// A small object is one request; that its body is whole is told by the list alone.
+TEST_F(CopyFolderTest, ObjectsHaveTheSizesOfTheList) {
+  cut_key_ = "run/a/0";
+  EXPECT_THAT(
+      Copy("s3://bucket/run/").status(),
+      StatusIs(absl::StatusCode::kDataLoss,
+               ::testing::AllOf(HasSubstr("run/a/0"), HasSubstr("1000 bytes, and has 500"))));
+  EXPECT_FALSE(fs::exists(dir_.Sub("out/run")));
+  cut_key_.clear();
+  ISOSCOPE_ASSERT_OK(Copy("s3://bucket/run/"));
+  ExpectCopied();
 }
 
 TEST_F(CopyFolderTest, APrefixNeedsNoSlash) {

@@ -29,11 +29,14 @@ using testing::StatusIs;
 
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
 
-std::string S3List(const std::string& contents, const std::string& next = "") {
+constexpr char kUrlEncoded[] = "<EncodingType>url</EncodingType>";
+
+std::string S3List(const std::string& contents, const std::string& next = "",
+                   const std::string& encoding = kUrlEncoded) {
   return absl::StrCat(
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<ListBucketResult "
       "xmlns=\"http://s3.amazonaws.com/doc/2006-03-01/\"><Name>b</Name><IsTruncated>",
-      next.empty() ? "false" : "true", "</IsTruncated>",
+      next.empty() ? "false" : "true", "</IsTruncated>", encoding,
       next.empty() ? "" : absl::StrCat("<NextContinuationToken>", next, "</NextContinuationToken>"),
       contents, "</ListBucketResult>");
 }
@@ -51,6 +54,21 @@ TEST(ListObjectsTest, ReadsAListOfS3) {
   EXPECT_EQ(page->objects[0].size, 12);
   EXPECT_EQ(page->objects[1].key, "a/d e+f");
   EXPECT_EQ(page->next, "t1&2");
+}
+
+// s3rver, for one, gives keys as they are, whatever is asked for. Decoded all the same, "a+b" would be
+// another object.
+TEST(ListObjectsTest, KeysAreDecodedOnlyWhereTheListSaysSo) {
+  const std::string contents = Contents("k=v+w/a %41.zarr/0") + Contents("100%");
+  const auto page = ParseS3List(S3List(contents, "", ""));
+  ASSERT_THAT(page.status(), testing::IsOk());
+  ASSERT_EQ(page->objects.size(), 2u);
+  EXPECT_EQ(page->objects[0].key, "k=v+w/a %41.zarr/0");
+  EXPECT_EQ(page->objects[1].key, "100%");
+  // Some say it behind the keys.
+  const auto behind = ParseS3List(S3List(Contents("a%20b") + kUrlEncoded, "", ""));
+  ASSERT_THAT(behind.status(), testing::IsOk());
+  EXPECT_EQ(behind->objects.at(0).key, "a b");
 }
 
 TEST(ListObjectsTest, RefusesWhatIsNoListOfS3) {
