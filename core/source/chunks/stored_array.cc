@@ -17,6 +17,7 @@
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -27,6 +28,7 @@
 #include "oneapi/tbb/parallel_for.h"
 #include "oneapi/tbb/task_group.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/check.h"
 #include "core/base/first_error.h"
 #include "core/base/mutex.h"
@@ -276,25 +278,76 @@ class StoredArray final : public ChunkedArray {
     return ranges;
   }
 
-  // The indexes of those shards; null for one that is not there.
+  // The indexes of those shards; null for one that is not there. Readers of one shard's chunks wait
+  // for the one that asks for its index; if that fails, each asks by itself.
   [[nodiscard]] absl::Status FetchIndexes(
       const std::map<std::string, std::vector<BatchChunk*>>& by_key,
       const base::Cancellation& cancellation, std::map<std::string, ShardIndex>* indexes) const {
-    std::vector<ObjectRead> reads;
-    {
-      const base::MutexLock lock(&mutex_);
-      for (const auto& [key, chunks] : by_key) {
-        const auto known = indexes_.find(key);
-        if (known != indexes_.end()) {
-          (*indexes)[key] = known->second;
-          continue;
+    while (indexes->size() < by_key.size()) {
+      IndexClaim claim(this);
+      std::set<std::string> of_others;
+      {
+        const base::MutexLock lock(&mutex_);
+        for (const auto& [key, chunks] : by_key) {
+          if (indexes->contains(key)) {
+            continue;
+          }
+          if (const auto known = indexes_.find(key); known != indexes_.end()) {
+            (*indexes)[key] = known->second;
+          } else if (claim.keys.insert(key); !in_flight_.insert(key).second) {
+            claim.keys.erase(key);
+            of_others.insert(key);
+          }
         }
-        const std::int64_t size = shards_->index_bytes();
-        reads.push_back({.key = key,
-                         .offset = shards_->is_index_at_end() ? -size : 0,
-                         .size = size,
-                         .max_size = size});
       }
+      ISOSCOPE_RETURN_IF_ERROR(AskForIndexes(claim.keys, cancellation, indexes));
+      claim.Release();
+      if (of_others.empty()) {
+        return absl::OkStatus();
+      }
+      ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(cancellation, &mutex_, &landed_,
+                                                      [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+                                                        for (const std::string& key : of_others) {
+                                                          if (in_flight_.contains(key)) {
+                                                            return false;
+                                                          }
+                                                        }
+                                                        return true;
+                                                      }));
+    }
+    return absl::OkStatus();
+  }
+
+  // Keys whose indexes nobody else asks for until it goes out of scope.
+  struct IndexClaim {
+    explicit IndexClaim(const StoredArray* claims) : array(claims) {}
+    ~IndexClaim() { Release(); }
+    IndexClaim(const IndexClaim&) = delete;
+    IndexClaim& operator=(const IndexClaim&) = delete;
+
+    void Release() {
+      const base::MutexLock lock(&array->mutex_);
+      for (const std::string& key : keys) {
+        array->in_flight_.erase(key);
+      }
+      keys.clear();
+      array->landed_.SignalAll();
+    }
+
+    const StoredArray* array;
+    std::set<std::string> keys{};
+  };
+
+  [[nodiscard]] absl::Status AskForIndexes(const std::set<std::string>& keys,
+                                           const base::Cancellation& cancellation,
+                                           std::map<std::string, ShardIndex>* indexes) const {
+    std::vector<ObjectRead> reads;
+    const std::int64_t size = shards_->index_bytes();
+    for (const std::string& key : keys) {
+      reads.push_back({.key = key,
+                       .offset = shards_->is_index_at_end() ? -size : 0,
+                       .size = size,
+                       .max_size = size});
     }
     std::vector<absl::StatusOr<std::string>> parts = store_->Read(reads, cancellation);
     for (std::size_t i = 0; i < reads.size(); ++i) {
@@ -379,7 +432,9 @@ class StoredArray final : public ChunkedArray {
   const std::int64_t lanes_;  // chunks that are decoded at a time
 
   mutable base::Mutex mutex_;
+  mutable base::CondVar landed_;
   mutable std::map<std::string, ShardIndex> indexes_ ABSL_GUARDED_BY(mutex_);  // by key
+  mutable std::set<std::string> in_flight_ ABSL_GUARDED_BY(mutex_);  // keys that a reader asks for
 };
 
 absl::Status InArray(const StoredArraySpec& spec, const absl::Status& status) {

@@ -1,11 +1,18 @@
 #include "core/source/chunks/stored_array.h"
 
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -63,8 +70,11 @@ const Case kCases[] = {
     {"one shard", {1, 2, 2, 3}, {3, 8, 8, 9}, true},
 };
 
+using Wrap = std::function<std::shared_ptr<const ObjectStore>(std::shared_ptr<const MemoryStore>)>;
+
+// wrap: what the array reads, around its store; null: the store
 absl::StatusOr<OpenedArray> OpenCase(const Case& written_case, const PlainArray& array,
-                                     std::size_t gap = 0) {
+                                     std::size_t gap = 0, const Wrap& wrap = nullptr) {
   const std::string fill("\x07\x08", 2);
   WrittenChunks written{.chunk_dims = written_case.chunk_dims,
                         .shard_dims = written_case.shard_dims,
@@ -96,7 +106,8 @@ absl::StatusOr<OpenedArray> OpenCase(const Case& written_case, const PlainArray&
                        .fill = fill,
                        .codecs = Codecs(codecs),
                        .key_of = KeyOf};
-  auto made = OpenStoredArray(opened.store, std::move(spec));
+  std::shared_ptr<const ObjectStore> read = opened.store;
+  auto made = OpenStoredArray(wrap == nullptr ? read : wrap(opened.store), std::move(spec));
   if (!made.ok()) {
     return made.status();
   }
@@ -191,6 +202,67 @@ TEST(StoredArrayTest, ReadsRangesOfShards) {
     ISOSCOPE_ASSERT_OK(opened.array->ReadBox(BoxOf(array.dims), all.data(), nullptr, Never()));
     // The index is known by now. Chunks that lie far apart are not joined.
     EXPECT_EQ(opened.store->TakeReads().size(), gap == 0 ? 1U : 51U);
+  }
+}
+
+// Asks slowly; fails the first `failures` reads of an index.
+class SlowStore final : public ObjectStore {
+ public:
+  SlowStore(std::shared_ptr<const MemoryStore> store, int failures)
+      : store_(std::move(store)), failures_(failures) {}
+
+  [[nodiscard]] std::vector<absl::StatusOr<std::string>> Read(
+      absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation) const override {
+    absl::SleepFor(absl::Milliseconds(20));
+    auto answers = store_->Read(reads, cancellation);
+    if (!reads.empty() && reads[0].offset < 0 && failures_-- > 0) {
+      answers[0] = absl::UnavailableError("away");
+    }
+    return answers;
+  }
+  [[nodiscard]] absl::StatusOr<std::unique_ptr<ByteSource>> Open(
+      const std::string& key, const base::Cancellation& cancellation) const override {
+    return store_->Open(key, cancellation);
+  }
+  [[nodiscard]] const std::string& name() const override { return store_->name(); }
+
+ private:
+  const std::shared_ptr<const MemoryStore> store_;
+  mutable std::atomic<int> failures_;
+};
+
+TEST(StoredArrayTest, ReadersOfAShardAskForItsIndexOnce) {
+  const Case shard{"shard", {8, 8}, {64, 64}, false};
+  const PlainArray array = PlainArray::Counting({64, 64}, 2);
+  const PlainArray expected = WithMissing(array, shard.chunk_dims);
+  for (const int failures : {0, 1}) {
+    SCOPED_TRACE(failures);
+    std::shared_ptr<const MemoryStore> store;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const OpenedArray opened,
+        OpenCase(shard, array, 0, [&](std::shared_ptr<const MemoryStore> plain) {
+          store = plain;
+          return std::make_shared<const SlowStore>(std::move(plain), failures);
+        }));
+    std::atomic<int> error_count{0};
+    std::vector<std::thread> readers;
+    for (std::int64_t i = 0; i < 8; ++i) {
+      readers.emplace_back([&, i] {
+        std::string one(128, '\0');
+        const ChunkBox box{.begin = {8 * i, 16}, .end = {8 * i + 8, 24}};
+        const absl::Status status = opened.array->ReadBox(box, one.data(), nullptr, Never());
+        error_count += status.ok() ? 0 : 1;
+        EXPECT_TRUE(!status.ok() || one == expected.Cut(box, ""));
+      });
+    }
+    for (std::thread& reader : readers) {
+      reader.join();
+    }
+    EXPECT_EQ(error_count, failures);  // whoever asked knows why; the others ask again
+    const auto reads = store->TakeReads();
+    EXPECT_EQ(std::count_if(reads.begin(), reads.end(),
+                            [](const ObjectRead& read) { return read.offset < 0; }),
+              1 + failures);
   }
 }
 
