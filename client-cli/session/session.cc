@@ -361,6 +361,7 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   session->frame_timeout_ = options.max_frame_duration;
   options.expected_viewport = expected_viewport;
   options.expected_layers = flags.expected_layers;
+  options.draws_once = flags.draws_once;
   // Log lines of --verbose would interrupt it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
