@@ -12,6 +12,7 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -45,6 +46,7 @@
 #include "core/cli/progress_line.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/open_request.h"
 #include "core/io/file.h"
@@ -189,6 +191,7 @@ absl::StatusOr<SourceRanges> ReadRanges(source::VolumeSeries& series, int steps,
 // Prints the header before it reads volumes for the ranges of their values. Reads only what is
 // quick or asked for.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
+  std::optional<source::AddressOpening> opening(std::in_place);
   ISOSCOPE_ASSIGN_OR_RETURN(Json folder, DescribeSeriesOfFolder(flags));
   if (!folder.empty()) {
     return folder;
@@ -200,6 +203,9 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
                             source::Open(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             series->Open(0, 0, 0));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
+                            LabelsOfSource(request, context.err));
+  opening.reset();
   const bool is_single = !partition::NeedsSeries(*series);
   Json volume = VolumeToJson(*source, std::nullopt);
   volume["name"] = *flags.input;
@@ -230,8 +236,6 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
   AddSource(*series, *source, ranges, InputAsTyped(flags), InputAsTyped(flags, kRenderFlagNames),
             &volume);
   volume["is_single"] = is_single;
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::Label> labels,
-                            LabelsOfSource(request, context.err));
   AddLabels(labels, &volume);
   const bool is_segmentation =
       !labels.empty() ||

@@ -36,6 +36,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/usage.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/format_table.h"
 #include "core/formats/open_request.h"
 #include "core/formats/source_members.h"
@@ -424,11 +425,13 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     WarnIfIncomplete(options.output_directory, context);
   }
   const source::OpenRequest request = RequestOf(flags.source, flags.series, *flags.input);
+  std::optional<source::AddressOpening> opening(std::in_place);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSeries> source,
                             source::OpenIdentified(request));
   if (!flags.append) {
     ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
   }
+  opening.reset();
   if (flags.is_index_only) {
     ISOSCOPE_ASSIGN_OR_RETURN(options.in_source.emplace().request,
                               indexed::EncodeSourceRequest(request));

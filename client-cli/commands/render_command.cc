@@ -522,6 +522,7 @@ absl::Status Run(const RenderFlags& given, const FlagSet& set, const Context& co
   }
   SessionFlags session_flags = flags.session;
   session_flags.expected_layers = flags.drawn_layers();
+  session_flags.draws_once = flags.sweep.frame_count() == 1 && !flags.sweep.is_step_sweep();
   if (flags.like) {
     // Read before anything is written: the output may be the same file.
     ISOSCOPE_ASSIGN_OR_RETURN(const client::RecordedPng recorded,

@@ -90,7 +90,8 @@ server::CoordinatorServerOptions CoordinatorOptionsOf(const EmbeddedClusterOptio
   coordinator_options.token_file = options.token_file;
   coordinator_options.memory_limit_bytes = options.memory_limit_bytes;
   coordinator_options.max_frame_duration = options.max_frame_duration;
-  coordinator_options.expected_viewport = options.expected_viewport;
+  coordinator_options.expected_viewport =
+      options.draws_once ? std::nullopt : options.expected_viewport;
   return coordinator_options;
 }
 
@@ -179,8 +180,9 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
                                          step_count) <= memory->limit_bytes())) {
     expected = {.viewport = *options.expected_viewport, .max_layers = options.expected_layers};
   }
-  ISOSCOPE_RETURN_IF_ERROR(memory->Settle(expected));
-  if (options.expected_viewport) {
+  const bool touches_ahead = options.expected_viewport.has_value() && !options.draws_once;
+  ISOSCOPE_RETURN_IF_ERROR(memory->Settle(expected, touches_ahead));
+  if (touches_ahead) {
     // Images go to the coordinator, which still holds those of step 2 while step 3 draws.
     const int count = static_cast<int>(shards.most_count_of_dataset);
     cluster->renderer_->Prepare(*options.expected_viewport, count, 2 * count);

@@ -54,8 +54,11 @@ struct EmbeddedClusterOptions {
   std::string token_file = {};
   // The server's limit for one request.
   absl::Duration max_frame_duration = absl::Minutes(5);
-  // Memory is allocated early for a frame of this size; null: on demand.
+  // Memory is allocated early for frames of this size; null: on demand.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
+  // There will be one frame: memory is allocated on demand, since what is touched early takes longer
+  // than it saves.
+  bool draws_once = false;
   // FrameSpec::max_layers of such a frame if it has translucent surfaces, else 0: a refusal names
   // the memory limit that it needs.
   int expected_layers = 0;

@@ -32,6 +32,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/open_request.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
@@ -245,6 +246,7 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Want
     return PrepareDataset(flags, context);
   }
   const source::OpenRequest request = RequestOf(flags.source, *flags.input);
+  const source::AddressOpening opening;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files, SourceFiles(request));
   return PrepareSource(flags, wanted, request, files, context);
 }
@@ -359,6 +361,7 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   session->frame_timeout_ = options.max_frame_duration;
   options.expected_viewport = expected_viewport;
   options.expected_layers = flags.expected_layers;
+  options.draws_once = flags.draws_once;
   // Log lines of --verbose would interrupt it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));

@@ -56,6 +56,8 @@ struct SessionFlags {
   bool is_verbose = false;
   // Not a flag: EmbeddedClusterOptions::expected_layers.
   int expected_layers = 0;
+  // Not a flag: EmbeddedClusterOptions::draws_once.
+  bool draws_once = false;
 };
 
 // Register the flags of an input, or of an input, a server and drawing here. `flags` must outlive

@@ -7,7 +7,8 @@
 // 4. What was found is kept under its name: an object as a mounted file, a store by its address.
 //
 // A store is read through AddressStore. It records digests of the metadata that it reads, and takes
-// an answer of 403 for a missing document, as S3 gives it, once another document was read.
+// an answer of 403 for a missing document, as S3 gives it, once another document was read. While an
+// AddressOpening lives, it keeps small answers there, those of missing objects, too.
 
 #include "core/formats/address_source.h"
 
@@ -33,6 +34,7 @@
 #include "core/base/process_interrupt.h"
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/format_table.h"
 #include "core/formats/zarr/zarr_series.h"
 #include "core/io/file.h"
@@ -53,6 +55,7 @@ namespace {
 constexpr absl::Duration kErrorLife = absl::Seconds(5);
 constexpr std::size_t kMaxColons = 3;  // that may begin a part
 constexpr std::size_t kMaxPaths = 10'000;
+constexpr std::size_t kMaxKeptObjectBytes = std::size_t{64} << 10;  // that is no metadata
 
 // ---- Addresses as texts. ------------------------------------------------------------------------
 
@@ -102,15 +105,15 @@ bool IsZarrDocument(absl::string_view key) {
 class AddressStore final : public ObjectStore {
  public:
   AddressStore(std::unique_ptr<ObjectStore> objects, std::string path, bool is_s3)
-      : objects_(std::move(objects)), path_(std::move(path)), is_s3_(is_s3) {}
+      : objects_(std::move(objects)),
+        path_(std::move(path)),
+        is_s3_(is_s3),
+        kept_(KeptAnswers::OfThread()) {}
 
   [[nodiscard]] std::vector<absl::StatusOr<std::string>> Read(
       absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation) const override {
-    base::Cancellation either(cancellation.deadline());
-    const base::Cancellation::Callback by_caller(cancellation, [&either] { either.Cancel(); });
-    const base::Cancellation::Callback by_process(base::ProcessInterrupt(),
-                                                  [&either] { either.Cancel(); });
-    std::vector<absl::StatusOr<std::string>> answers = objects_->Read(reads, either);
+    std::vector<absl::StatusOr<std::string>> answers =
+        kept_ == nullptr ? Ask(reads, cancellation) : ReadOnce(reads, cancellation);
     const base::MutexLock lock(&mutex_);
     for (std::size_t i = 0; i < reads.size(); ++i) {
       if (IsZarrDocument(reads[i].key) && answers[i].ok()) {
@@ -125,6 +128,11 @@ class AddressStore final : public ObjectStore {
     }
     return answers;
   }
+  void Expect(absl::Span<const ObjectRead> reads) const override {
+    if (kept_ != nullptr) {
+      ReadOnce(reads, base::Cancellation());
+    }
+  }
   [[nodiscard]] absl::StatusOr<std::unique_ptr<ByteSource>> Open(
       const std::string& key, const base::Cancellation& cancellation) const override {
     return objects_->Open(key, cancellation);
@@ -138,9 +146,42 @@ class AddressStore final : public ObjectStore {
   }
 
  private:
+  // Asks the server.
+  [[nodiscard]] std::vector<absl::StatusOr<std::string>> Ask(
+      absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation) const {
+    base::Cancellation either(cancellation.deadline());
+    const base::Cancellation::Callback by_caller(cancellation, [&either] { either.Cancel(); });
+    const base::Cancellation::Callback by_process(base::ProcessInterrupt(),
+                                                  [&either] { either.Cancel(); });
+    return objects_->Read(reads, either);
+  }
+  // Asks for what the opening has not read yet.
+  std::vector<absl::StatusOr<std::string>> ReadOnce(absl::Span<const ObjectRead> reads,
+                                                    const base::Cancellation& cancellation) const {
+    std::vector<absl::StatusOr<std::string>> answers(reads.size());
+    std::vector<ObjectRead> asked;
+    std::vector<std::size_t> places;
+    for (std::size_t i = 0; i < reads.size(); ++i) {
+      if (auto kept = kept_->Find(path_, reads[i]); kept.has_value()) {
+        answers[i] = *std::move(kept);
+      } else {
+        asked.push_back(reads[i]);
+        places.push_back(i);
+      }
+    }
+    std::vector<absl::StatusOr<std::string>> got = Ask(asked, cancellation);
+    for (std::size_t i = 0; i < asked.size(); ++i) {
+      kept_->Keep(path_, asked[i], got[i],
+                  IsZarrDocument(asked[i].key) ? kMaxKeptAnswerBytes : kMaxKeptObjectBytes);
+      answers[places[i]] = std::move(got[i]);
+    }
+    return answers;
+  }
+
   const std::unique_ptr<ObjectStore> objects_;
   const std::string path_;
   const bool is_s3_;
+  const std::shared_ptr<KeptAnswers> kept_;  // of the opening that made it; null: none did
   mutable base::Mutex mutex_;
   mutable std::map<std::string, std::string> digests_ ABSL_GUARDED_BY(mutex_);
 };
@@ -296,17 +337,21 @@ bool MayBeOther(const absl::Status& status) {
          absl::IsFailedPrecondition(status) || absl::IsInvalidArgument(status);
 }
 
-absl::Status FindStore(const KnownStore& known) {
+// part: of the store, whose metadata are fetched together with those of the root
+absl::Status FindStore(const KnownStore& known, const std::string& part = "") {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<AddressStore> objects, OpenObjects(known));
+  ZarrStore::ExpectRoot(*objects, part.substr(0, part.find(':')));
   return ZarrStore::Open(objects, nullptr).status();
 }
 
 absl::Status FindObject(const Address& address, const RemoteOptions& options) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const ByteSource> bytes,
-                            OpenAddress(RequestTextOf(address), options, base::ProcessInterrupt()));
+  ISOSCOPE_ASSIGN_OR_RETURN(StartedObject opened,
+                            OpenAddressWithStart(RequestTextOf(address), options, kCachedBlockBytes,
+                                                 base::ProcessInterrupt()));
+  const std::shared_ptr<const ByteSource> bytes = std::move(opened.bytes);
   const std::string path = PathOfAddress(address);
   const std::string version = bytes->version();
-  io::MountedFile file{.file = MakeCachedFile(bytes, path),
+  io::MountedFile file{.file = MakeCachedFile(bytes, path, std::move(opened.start)),
                        .version = absl::StrCat(version, DigestOf(address.query)),
                        .tells_all = !version.empty(),
                        .read_pieces = [bytes](absl::Span<const io::FilePiece> pieces,
@@ -320,7 +365,7 @@ absl::Status FindObject(const Address& address, const RemoteOptions& options) {
   Known& known = KnownOfProcess();
   const base::MutexLock lock(&known.mutex);  // both are of one request
   io::MountFile(std::move(file));
-  known.objects[path] = std::move(bytes);
+  known.objects[path] = bytes;
   return absl::OkStatus();
 }
 
@@ -376,7 +421,7 @@ absl::StatusOr<AddressSource> FindFirst(const Address& address) {
   // 1. A store.
   if (std::optional<Candidate> zarr = SplitAtZarr(path); zarr.has_value()) {
     KnownStore store{.root = WithObjectPath(address, zarr->file), .options = options};
-    const absl::Status status = FindStore(store);
+    const absl::Status status = FindStore(store, zarr->part);
     if (status.ok() || !MayBeOther(status) || zarr->part.empty()) {
       ISOSCOPE_RETURN_IF_ERROR(status);
       AddressSource found{.file = PathOfAddress(store.root), .part = zarr->part, .is_store = true};

@@ -25,6 +25,7 @@
 #include "core/base/sha256.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/address_source.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/label_names.h"
@@ -240,6 +241,7 @@ absl::StatusOr<std::string> Describe(const OpenRequest& request) {
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& asked,
                                                    absl::Span<const Format> formats) {
+  const AddressOpening opening;
   ISOSCOPE_ASSIGN_OR_RETURN(const OpenRequest request, WithPath(asked));
   std::unique_ptr<VolumeSeries> series;
   bool has_field_names = false;
@@ -272,6 +274,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> Open(const OpenRequest& asked,
 
 absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& request,
                                                              absl::Span<const Format> formats) {
+  const AddressOpening opening;
   ISOSCOPE_ASSIGN_OR_RETURN(std::string description, Describe(request));
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files, FilesOf(request, formats));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamps, StampsOf(files));
@@ -282,6 +285,7 @@ absl::StatusOr<std::unique_ptr<VolumeSeries>> OpenIdentified(const OpenRequest& 
 
 absl::StatusOr<std::vector<std::string>> FilesOf(const OpenRequest& asked,
                                                  absl::Span<const Format> formats) {
+  const AddressOpening opening;
   ISOSCOPE_ASSIGN_OR_RETURN(const OpenRequest request, WithPath(asked));
   std::vector<std::string> files;
   if (request.raw.has_value()) {

@@ -33,6 +33,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/open_request.h"
 #include "core/indexed/source_request.h"
 #include "core/indexed/unit_cache.h"
@@ -272,6 +273,7 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOneOf(
 
 absl::StatusOr<std::shared_ptr<source::VolumeSeries>> Sources::OpenSeries(
     const source::OpenRequest& request, absl::string_view where) const {
+  const source::AddressOpening opening;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files, source::FilesOf(request));
   for (const std::string& file : files) {
     ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(file, where));

@@ -92,7 +92,7 @@ AgentMemory::AgentMemory(std::size_t limit_bytes, int step_count)
 
 std::size_t AgentMemory::read_bytes() const { return ReadBytesOf(limit_bytes_, step_count_); }
 
-absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
+absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected, bool touches_ahead) {
   if (base::ResidentBytes() > limit_bytes_ / 4) {
     // The opening, and a partitioning before it, have freed memory. With less in use, frames use
     // it again instead.
@@ -123,6 +123,9 @@ absl::Status AgentMemory::Settle(const std::optional<ExpectedStep>& expected) {
   const auto cache_bytes =
       static_cast<std::size_t>(kCacheShare * static_cast<double>(limit_bytes_ - taken));
   cache_.SetMaxBytes(cache_bytes);
+  if (!touches_ahead) {
+    return absl::OkStatus();
+  }
   const std::size_t ahead_bytes = std::min(cache_bytes / 2, kMaxPopulatedBytes);
   cache_.Populate(ahead_bytes);
   toucher_ = std::make_unique<IdleToucher>(IdleToucher::Options{

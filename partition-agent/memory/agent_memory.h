@@ -47,10 +47,12 @@ class AgentMemory {
     int max_layers = 0;
   };
 
-  // Gives the cache the memory that neither the process holds nor frames need. Begins to touch it
-  // while no frames are in work. Call it once all shards are open. FAILED_PRECONDITION if no memory
+  // Gives the cache the memory that neither the process holds nor frames need. With touches_ahead it
+  // touches some of it now, and goes on while no frames are in work: that pays from the second frame
+  // on. Call it once all shards are open. FAILED_PRECONDITION if no memory
   // is left; the message has the least limit that is enough, also for the expected step.
-  absl::Status Settle(const std::optional<ExpectedStep>& expected = std::nullopt);
+  absl::Status Settle(const std::optional<ExpectedStep>& expected = std::nullopt,
+                      bool touches_ahead = true);
 
   // Limits of a renderer: unused images and buffers, unused layers, and meshes whose pixels are not
   // shaded yet.

@@ -63,6 +63,11 @@ class EncodedBytes {
     return is_base64_ ? rest / 4 * 3 : rest;
   }
 
+  // Not set: text.
+  [[nodiscard]] std::optional<std::int64_t> plain_start() const {
+    return is_base64_ ? std::nullopt : std::optional(start_);
+  }
+
   absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) const {
     if (!is_base64_) {
       return file_->ReadAt(start_ + offset, size, out);
@@ -108,6 +113,10 @@ class PlainData final : public VtiData {
     return std::make_unique<PlainData>(bytes_, skipped_bytes_);
   }
   [[nodiscard]] std::optional<std::int64_t> block_bytes() const override { return 0; }
+  [[nodiscard]] std::optional<std::int64_t> plain_start() const override {
+    const std::optional<std::int64_t> start = bytes_.plain_start();
+    return start.has_value() ? std::optional(*start + skipped_bytes_) : std::nullopt;
+  }
 
  private:
   const EncodedBytes bytes_;

@@ -32,6 +32,8 @@ class VtiData {
   // The bytes of the blocks that are decoded as one; 0: they are read at any place. Not set: a reader
   // takes so much memory, for LZMA, that there should be one only.
   [[nodiscard]] virtual std::optional<std::int64_t> block_bytes() const = 0;
+  // Where byte 0 is in the file, of data that lie there as they are; not set: of others.
+  [[nodiscard]] virtual std::optional<std::int64_t> plain_start() const { return std::nullopt; }
 };
 
 // Opens the array, which must have `size` bytes. `file` must outlive the result.

@@ -17,7 +17,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <limits>
+#include <map>
 #include <utility>
 #include <vector>
 
@@ -49,6 +51,41 @@ namespace {
 // The bytes of interleaved components that are read at once, to pick one component. A single larger
 // tuple exceeds it.
 constexpr std::int64_t kTupleBytes = 64 * base::kKiB;
+
+// At an address: what is fetched at once for a box; a plane of it may have more.
+constexpr std::int64_t kFarBytes = base::kMiB;
+
+// Stretches of the data, as they are fetched together.
+class FetchedData final : public VtiData {
+ public:
+  void Add(std::int64_t offset, std::size_t size) { stretches_[offset] = std::string(size, '\0'); }
+  // Where all of them are in a file that has the data from `start` on.
+  std::vector<io::FilePiece> PiecesFrom(std::int64_t start) {
+    std::vector<io::FilePiece> pieces;
+    for (auto& [offset, bytes] : stretches_) {
+      pieces.push_back(
+          {.range = {.offset = start + offset, .size = bytes.size()}, .out = bytes.data()});
+    }
+    return pieces;
+  }
+
+  // REQUIRES: within one stretch.
+  absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) override {
+    const auto& [begin, bytes] = *std::prev(stretches_.upper_bound(offset));
+    ISOSCOPE_CHECK(offset - begin + static_cast<std::int64_t>(size) <=
+                   static_cast<std::int64_t>(bytes.size()));
+    std::copy_n(bytes.data() + (offset - begin), size, out);
+    return absl::OkStatus();
+  }
+  [[nodiscard]] std::int64_t memory_bytes() const override { return 0; }
+  [[nodiscard]] std::unique_ptr<VtiData> Again() const override {
+    return std::make_unique<FetchedData>(*this);
+  }
+  [[nodiscard]] std::optional<std::int64_t> block_bytes() const override { return 0; }
+
+ private:
+  std::map<std::int64_t, std::string> stretches_;  // by offset
+};
 
 class VtiSource final : public VolumeSource {
  public:
@@ -90,16 +127,54 @@ class VtiSource final : public VolumeSource {
   }
   [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
                                      const base::Cancellation& cancellation) const override {
+    const std::optional<io::MountedFile> mounted =
+        data_->plain_start().has_value() ? io::FindMounted(file_->path()) : std::nullopt;
+    if (mounted.has_value() && mounted->read_pieces != nullptr) {
+      return ReadFarBox(*mounted, box, out, cancellation);
+    }
     const std::unique_ptr<VtiData> data = data_->Again();
-    std::vector<char> tuples;
-    return ReadBoxRows(info().geometry.sample_dims, box, volume::SizeOf(info().type), out,
-                       cancellation, [&](std::int64_t first, std::size_t count, char* samples) {
-                         return ReadSamples(first, static_cast<std::int64_t>(count), data.get(),
-                                            &tuples, samples);
-                       });
+    return ReadBoxFrom(data.get(), box, out, cancellation);
   }
 
  private:
+  absl::Status ReadBoxFrom(VtiData* data, const math::IndexBox& box, char* out,
+                           const base::Cancellation& cancellation) const {
+    std::vector<char> tuples;
+    return ReadBoxRows(info().geometry.sample_dims, box, volume::SizeOf(info().type), out,
+                       cancellation, [&](std::int64_t first, std::size_t count, char* samples) {
+                         return ReadSamples(first, static_cast<std::int64_t>(count), data, &tuples,
+                                            samples);
+                       });
+  }
+
+  // Planes after planes, the runs of kFarBytes of them at once.
+  absl::Status ReadFarBox(const io::MountedFile& file, const math::IndexBox& box, char* out,
+                          const base::Cancellation& cancellation) const {
+    const math::Index3& whole = info().geometry.sample_dims;
+    math::IndexBox planes = box;
+    while (planes.begin.z < box.end.z) {
+      planes.end.z = planes.begin.z;
+      FetchedData fetched;
+      std::int64_t bytes = 0;
+      do {
+        math::IndexBox plane = planes;
+        plane.begin.z = planes.end.z++;
+        plane.end.z = planes.end.z;
+        for (const RowRun& run : RunsOfBox(whole, plane)) {
+          fetched.Add(run.first * tuple_bytes(),
+                      run.count * static_cast<std::size_t>(tuple_bytes()));
+          bytes += static_cast<std::int64_t>(run.count) * tuple_bytes();
+        }
+      } while (planes.end.z < box.end.z && bytes < kFarBytes);
+      ISOSCOPE_RETURN_IF_ERROR(
+          file.read_pieces(fetched.PiecesFrom(*data_->plain_start()), cancellation));
+      ISOSCOPE_RETURN_IF_ERROR(ReadBoxFrom(&fetched, planes, out, cancellation));
+      out += math::Volume(planes.dims()) * sample_bytes();
+      planes.begin.z = planes.end.z;
+    }
+    return absl::OkStatus();
+  }
+
   // Reads samples from number `begin` on. tuples: a buffer
   absl::Status ReadSamples(std::int64_t begin, std::int64_t count, VtiData* data,
                            std::vector<char>* tuples, char* out) const {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -16,6 +17,7 @@
 #include "core/base/coding.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/formats/zarr/zarr_packing.h"
 
 namespace isoscope::source {
@@ -23,6 +25,7 @@ namespace {
 
 constexpr std::int64_t kMaxCoordinates = std::int64_t{1} << 24;
 constexpr std::size_t kMaxAuxiliary = 64;
+constexpr std::int64_t kExpectedBytes = 64 * base::kKiB;  // of coordinates in one chunk
 
 std::string InZarrGroup(const std::string& group, const std::string& name) {
   return group.empty() ? name : absl::StrCat(group, "/", name);
@@ -72,6 +75,26 @@ absl::StatusOr<std::vector<double>> ReadCoordinates(const ZarrStore& store,
     }
   });
   return values;
+}
+
+// Tells that the arrays of the axes' names are asked for, and then their samples.
+void ExpectCoordinates(ZarrStore* store, const std::string& group, const ZarrArray& array) {
+  std::set<std::string> paths;
+  for (const std::string& name : array.dimension_names) {
+    if (const std::string path = InZarrGroup(group, name); !name.empty() && path != array.path) {
+      paths.insert(path);
+    }
+  }
+  store->Expect(paths);
+  std::vector<ObjectRead> reads;
+  for (const std::string& path : paths) {
+    const auto node = store->Node(path);
+    if (node.ok() && node->array.ok() && node->array->dims.size() == 1 &&
+        node->array->dims[0] <= node->array->chunk_dims[0]) {
+      reads.push_back({.key = node->array->KeyOf({0}), .max_size = kExpectedBytes});
+    }
+  }
+  store->objects()->Expect(reads);
 }
 
 void TakeMeaning(const ZarrJson& attributes, CfAxis* axis) {
@@ -157,6 +180,7 @@ absl::Status TakeAuxiliary(ZarrStore* store, const std::string& group, CfArray* 
 absl::StatusOr<CfArray> DescribeCfArray(ZarrStore* store, const std::string& group,
                                         ZarrArray array) {
   CfArray described{.array = std::move(array)};
+  ExpectCoordinates(store, group, described.array);
   for (std::size_t i = 0; i < described.array.dims.size(); ++i) {
     const std::vector<std::string>& names = described.array.dimension_names;
     CfAxis axis{.name = names.empty() ? "" : names[i], .size = described.array.dims[i]};

@@ -23,6 +23,21 @@ std::string Below(const std::string& path, absl::string_view name) {
 }
 
 constexpr char kConsolidatedKey[] = ".zmetadata";
+constexpr char kDocument3[] = "zarr.json";
+constexpr char kArray2[] = ".zarray";
+constexpr char kGroup2[] = ".zgroup";
+constexpr char kAttributes2[] = ".zattrs";
+
+std::vector<std::string> DocumentsOfAnyVersion() {
+  return {kDocument3, kArray2, kGroup2, kAttributes2};
+}
+
+void AddReads(const std::string& path, const std::vector<std::string>& documents,
+              std::vector<ObjectRead>* reads) {
+  for (const std::string& name : documents) {
+    reads->push_back({.key = Below(path, name), .max_size = kMaxZarrJsonBytes});
+  }
+}
 
 bool IsZarrPath(const std::string& path) {
   if (path.empty()) {
@@ -40,7 +55,19 @@ bool IsZarrPath(const std::string& path) {
 }  // namespace
 
 ZarrStore::ZarrStore(std::shared_ptr<const ObjectStore> objects, List list)
-    : objects_(std::move(objects)), list_(std::move(list)) {}
+    : objects_(std::move(objects)), list_(std::move(list)), documents_(DocumentsOfAnyVersion()) {}
+
+void ZarrStore::ExpectRoot(const ObjectStore& objects, const std::string& path) {
+  std::vector<ObjectRead> reads;
+  AddReads("", DocumentsOfAnyVersion(), &reads);
+  reads.push_back({.key = kConsolidatedKey, .max_size = kMaxZarrJsonBytes});
+  // Groups above an array may have an image with it.
+  for (std::string node = IsZarrPath(path) ? path : ""; !node.empty();
+       node.resize(std::max(node.rfind('/') + 1, std::size_t{1}) - 1)) {
+    AddReads(node, DocumentsOfAnyVersion(), &reads);
+  }
+  objects.Expect(reads);
+}
 
 absl::StatusOr<std::unique_ptr<ZarrStore>> ZarrStore::Open(
     std::shared_ptr<const ObjectStore> objects, List list) {
@@ -48,6 +75,11 @@ absl::StatusOr<std::unique_ptr<ZarrStore>> ZarrStore::Open(
   // Together, since each takes a round trip at an address.
   absl::StatusOr<std::string> consolidated;
   ISOSCOPE_ASSIGN_OR_RETURN(Texts root, store->Read("", &consolidated));
+  if (store->list_ == nullptr) {
+    store->documents_ = root.v3.has_value()
+                            ? std::vector<std::string>{kDocument3}
+                            : std::vector<std::string>{kArray2, kGroup2, kAttributes2};
+  }
   if (root.v3.has_value()) {
     store->TakeConsolidated3(*root.v3);
   } else {
@@ -111,34 +143,50 @@ void ZarrStore::TakeConsolidated3(const ZarrJson& root) {
 
 absl::StatusOr<ZarrStore::Texts> ZarrStore::Read(const std::string& path,
                                                  absl::StatusOr<std::string>* consolidated) {
-  const std::vector<std::string> names = {"zarr.json", ".zarray", ".zgroup", ".zattrs"};
   std::vector<ObjectRead> reads;
-  reads.reserve(names.size());
-  for (const std::string& name : names) {
-    reads.push_back({.key = Below(path, name), .max_size = kMaxZarrJsonBytes});
-  }
+  AddReads(path, documents_, &reads);
   if (consolidated != nullptr) {
     reads.push_back({.key = kConsolidatedKey, .max_size = kMaxZarrJsonBytes});
   }
   Texts texts;
-  const std::vector<std::optional<ZarrJson>*> places = {&texts.v3, &texts.array, &texts.group,
-                                                        &texts.attributes};
+  const std::map<std::string, std::optional<ZarrJson>*> places = {
+      {kDocument3, &texts.v3},
+      {kArray2, &texts.array},
+      {kGroup2, &texts.group},
+      {kAttributes2, &texts.attributes}};
   auto objects = objects_->Read(reads, base::Cancellation());
   if (consolidated != nullptr) {
     *consolidated = std::move(objects.back());
   }
-  for (std::size_t i = 0; i < names.size(); ++i) {
+  for (std::size_t i = 0; i < documents_.size(); ++i) {
     if (absl::IsNotFound(objects[i].status())) {
       continue;
     }
     ISOSCOPE_RETURN_IF_ERROR(objects[i].status());
-    ISOSCOPE_ASSIGN_OR_RETURN(*places[i],
+    ISOSCOPE_ASSIGN_OR_RETURN(*places.at(documents_[i]),
                               ParseZarrJson(*objects[i], absl::StrCat(name(), "/", reads[i].key)));
-    if (i == 0) {
+    if (texts.v3.has_value()) {
       break;  // files of Zarr 2 beside it do not count
     }
   }
   return texts;
+}
+
+bool ZarrStore::IsKnown(const std::string& path) const {
+  const auto known = consolidated_.find(path);
+  return known != consolidated_.end() &&
+         (known->second.v3.has_value() || known->second.array.has_value() ||
+          known->second.group.has_value());
+}
+
+void ZarrStore::Expect(const std::set<std::string>& paths) const {
+  std::vector<ObjectRead> reads;
+  for (const std::string& path : paths) {
+    if (IsZarrPath(path) && !IsKnown(path)) {
+      AddReads(path, documents_, &reads);
+    }
+  }
+  objects_->Expect(reads);
 }
 
 absl::StatusOr<ZarrNode> ZarrStore::Node(const std::string& path) {
@@ -146,12 +194,9 @@ absl::StatusOr<ZarrNode> ZarrStore::Node(const std::string& path) {
     return absl::InvalidArgumentError(absl::StrCat(name(), ": \"", base::Printable(path),
                                                    "\" is no path of a group or an array"));
   }
-  const auto known = consolidated_.find(path);
   Texts texts;
-  if (known != consolidated_.end() &&
-      (known->second.v3.has_value() || known->second.array.has_value() ||
-       known->second.group.has_value())) {
-    texts = known->second;
+  if (IsKnown(path)) {
+    texts = consolidated_.at(path);
   } else {
     ISOSCOPE_ASSIGN_OR_RETURN(texts, Read(path));
   }

@@ -39,6 +39,7 @@ constexpr std::int64_t kMaxZarrSteps = 100'000;
 constexpr std::int64_t kMaxZarrComponents = 4096;
 constexpr std::size_t kMaxSearchedNodes = 2000;
 constexpr std::size_t kMaxShownPaths = 20;
+constexpr char kOmeLabels[] = "labels";
 
 std::string ParentOf(const std::string& path) {
   const std::size_t slash = path.rfind('/');
@@ -136,7 +137,7 @@ absl::StatusOr<std::vector<std::string>> OmeElsewhere(ZarrStore* store, const st
       }
     }
   }
-  const std::string labels = Joined(group, "labels");
+  const std::string labels = Joined(group, kOmeLabels);
   const auto node = store->Node(labels);
   if (node.ok()) {
     for (const std::string& name : OmeLabelsIn(node->attributes)) {
@@ -156,6 +157,7 @@ absl::StatusOr<ZarrVolumes> OmeVolumes(ZarrStore* store, const std::string& grou
   const OmeImage& image = images[image_number];
   const OmeLevel& chosen = image.levels[level];
   const std::string path = Joined(group, chosen.path);
+  store->Expect({path, Joined(group, image.levels[0].path), Joined(group, kOmeLabels)});
   ISOSCOPE_ASSIGN_OR_RETURN(const ZarrNode node, store->Node(path));
   if (!node.is_array) {
     return absl::InvalidArgumentError(
@@ -591,6 +593,7 @@ absl::StatusOr<ZarrVolumes> FindZarrVolumes(ZarrStore* store, const ZarrChoice& 
         (MemberOf(node.attributes, "ome") != nullptr &&
          MemberOf(node.attributes["ome"], "bioformats2raw.layout") != nullptr)) {
       const std::string first = Joined(choice.path, "0");
+      store->Expect({first, Joined(choice.path, "1")});
       if (store->Node(first).ok()) {
         ISOSCOPE_ASSIGN_OR_RETURN(
             ZarrVolumes volumes,

@@ -126,8 +126,15 @@ class BlockPool {
 
 class CachedBytes final : public io::RandomAccessFile {
  public:
-  CachedBytes(std::shared_ptr<const ByteSource> bytes, std::string path)
-      : bytes_(std::move(bytes)), path_(std::move(path)), file_(NextFile()) {}
+  CachedBytes(std::shared_ptr<const ByteSource> bytes, std::string path, std::string start)
+      : bytes_(std::move(bytes)), path_(std::move(path)), file_(NextFile()) {
+    if (!start.empty() && static_cast<std::int64_t>(start.size()) ==
+                              std::min(kCachedBlockBytes, bytes_->size_bytes())) {
+      BlockPool::OfProcess().Keep({file_, 0},
+                                  std::make_shared<const std::string>(std::move(start)));
+      next_ = 1;
+    }
+  }
   ~CachedBytes() override { BlockPool::OfProcess().Erase(file_); }
   CachedBytes(const CachedBytes&) = delete;
   CachedBytes& operator=(const CachedBytes&) = delete;
@@ -237,8 +244,8 @@ class CachedBytes final : public io::RandomAccessFile {
 }  // namespace
 
 std::unique_ptr<io::RandomAccessFile> MakeCachedFile(std::shared_ptr<const ByteSource> bytes,
-                                                     std::string path) {
-  return std::make_unique<CachedBytes>(std::move(bytes), std::move(path));
+                                                     std::string path, std::string start) {
+  return std::make_unique<CachedBytes>(std::move(bytes), std::move(path), std::move(start));
 }
 
 std::int64_t CachedBlockCount() { return BlockPool::OfProcess().block_count(); }

@@ -26,11 +26,12 @@ inline constexpr std::int64_t kMaxAheadBlocks = 64;    // 4 MiB
 inline constexpr std::int64_t kMaxStepBlocks = 4;      // that a reader may leave out
 inline constexpr std::int64_t kDirectReadBytes = 256 * base::kKiB;
 
-// A file of that path with the bytes of `bytes`. Thread-safe; small reads of one block wait for each
+// A file of that path with the bytes of `bytes`, of which the caller has `start`, the first block or
+// none. Thread-safe; small reads of one block wait for each
 // other, and others go on. Reads, and waits for them, end with the process's interrupt
 // (base::ProcessInterrupt). Errors are those of `bytes`; DATA_LOSS for a range outside of it.
 std::unique_ptr<io::RandomAccessFile> MakeCachedFile(std::shared_ptr<const ByteSource> bytes,
-                                                     std::string path);
+                                                     std::string path, std::string start = "");
 
 // Returns the number of blocks that are kept, of all files.
 std::int64_t CachedBlockCount();

@@ -37,6 +37,9 @@ class ObjectStore {
   // empty part, "." or "..". Other errors are those of ByteSource::ReadRanges.
   [[nodiscard]] virtual std::vector<absl::StatusOr<std::string>> Read(
       absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation) const = 0;
+  // Tells what Read will be asked for soon, each as a whole, so that it is fetched at once where each
+  // takes a round trip. A wrong word costs time alone. By default it helps nothing.
+  virtual void Expect(absl::Span<const ObjectRead> /*reads*/) const {}
   // Opens one object for many reads. Errors as of Read.
   [[nodiscard]] virtual absl::StatusOr<std::unique_ptr<ByteSource>> Open(
       const std::string& key, const base::Cancellation& cancellation) const = 0;

@@ -14,20 +14,40 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/mounted_file.h"
 
 namespace isoscope::source {
 namespace {
 
 constexpr std::int64_t kMaxTextHeaderBytes = 4 * base::kMiB;
+constexpr std::int64_t kTextPartBytes = 64 * base::kKiB;
+
+// Whether the beginning of a file surely has all lines of its header: of NRRD up to an empty one, of
+// MetaImage up to the one that says where the samples are.
+bool HasWholeHeader(absl::string_view text) {
+  if (absl::StartsWith(text, "NRRD")) {
+    return absl::StrContains(text, "\n\n") || absl::StrContains(text, "\n\r\n");
+  }
+  const std::size_t last = text.find("\nElementDataFile");
+  return last != absl::string_view::npos && text.find('\n', last + 1) != absl::string_view::npos;
+}
 
 }  // namespace
 
 absl::StatusOr<std::string> ReadTextHeader(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
                             io::OpenRandomAccessFile(path));
-  std::string text(static_cast<std::size_t>(std::min(file->size_bytes(), kMaxTextHeaderBytes)),
-                   '\0');
-  ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, text.size(), text.data()));
+  const std::int64_t most = std::min(file->size_bytes(), kMaxTextHeaderBytes);
+  // At an address in small parts, since samples may follow.
+  const std::int64_t part = io::IsMounted(path) ? kTextPartBytes : most;
+  std::string text;
+  for (std::int64_t size = 0; size < most && !HasWholeHeader(text);) {
+    const std::int64_t more = std::min(part, most - size);
+    text.resize(static_cast<std::size_t>(size + more));
+    ISOSCOPE_RETURN_IF_ERROR(
+        file->ReadAt(size, static_cast<std::size_t>(more), text.data() + size));
+    size += more;
+  }
   if (absl::StartsWith(text, "\x1f\x8b\x08")) {
     return absl::InvalidArgumentError(absl::StrCat(
         path, ": a gzip stream; expected a header of text: decompress it (gunzip -c)"));

@@ -15,7 +15,8 @@
 
 namespace isoscope::source {
 
-// The beginning of the file, 4 MiB at most: a header that lists 100 000 files is shorter.
+// The beginning of the file, 4 MiB at most: a header that lists 100 000 files is shorter. Of a file at
+// an address, of NRRD or MetaImage, it may end soon behind the header.
 // INVALID_ARGUMENT: a gzip stream.
 absl::StatusOr<std::string> ReadTextHeader(const std::string& path);
 

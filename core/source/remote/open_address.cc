@@ -26,6 +26,9 @@
 namespace isoscope::source {
 namespace {
 
+// What opens an object. Not one: to bytes=0-0 some servers of S3 send all, as if it had no end.
+constexpr std::int64_t kFewBytes = 2;
+
 // Copies a piece to its ranges. It is begun once: of an exact range, what has come stays.
 class PieceSink : public FetchSink {
  public:
@@ -81,21 +84,24 @@ class StringSink : public FetchSink {
 
 class RemoteObject : public ByteSource {
  public:
+  // start: gets the first `start_bytes`; null: nobody wants them
   static absl::StatusOr<std::unique_ptr<RemoteObject>> Open(
-      const std::shared_ptr<RemoteClient>& client, const Address& address,
-      const base::Cancellation& cancellation) {
-    // Two bytes: to bytes=0-0 some servers of S3 send all, as if it had no end.
-    StringSink first_bytes(2);
+      const std::shared_ptr<RemoteClient>& client, const Address& address, std::int64_t start_bytes,
+      std::string* start, const base::Cancellation& cancellation) {
+    StringSink first_bytes(start_bytes);
     FetchJob job{.address = address,
                  .kind = FetchJob::Kind::kWithin,
                  .first = 0,
-                 .last = 1,
+                 .last = start_bytes - 1,
                  .sink = &first_bytes};
     ISOSCOPE_RETURN_IF_ERROR(
         Fetch(client.get(), absl::MakeSpan(&job, 1), /*stops_at_error=*/true, cancellation));
     if (job.version.size < 0) {
       return absl::FailedPreconditionError(
           absl::StrCat(NameOf(address), ": the server does not tell the size of the object"));
+    }
+    if (start != nullptr) {
+      *start = first_bytes.Take();
     }
     return std::make_unique<RemoteObject>(client, address, std::move(job.version),
                                           std::move(job.redirected));
@@ -205,7 +211,8 @@ class RemoteStore : public ObjectStore {
   [[nodiscard]] absl::StatusOr<std::unique_ptr<ByteSource>> Open(
       const std::string& key, const base::Cancellation& cancellation) const override {
     ISOSCOPE_RETURN_IF_ERROR(CheckObjectKey(key));
-    return RemoteObject::Open(client_, AddressBelow(prefix_, key), cancellation);
+    return RemoteObject::Open(client_, AddressBelow(prefix_, key), kFewBytes, nullptr,
+                              cancellation);
   }
   [[nodiscard]] const std::string& name() const override { return name_; }
 
@@ -287,13 +294,30 @@ class RemoteStore : public ObjectStore {
 absl::StatusOr<std::unique_ptr<ByteSource>> OpenAddress(absl::string_view address,
                                                         const RemoteOptions& options,
                                                         const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(StartedObject opened,
+                            OpenAddressWithStart(address, options, kFewBytes, cancellation));
+  return std::move(opened.bytes);
+}
+
+absl::StatusOr<StartedObject> OpenAddressWithStart(absl::string_view address,
+                                                   const RemoteOptions& options,
+                                                   std::int64_t start_bytes,
+                                                   const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Address parsed, ParseAddress(address));
   if (parsed.is_s3 && parsed.key.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(NameOf(parsed), ": names a bucket; expected s3://BUCKET/KEY"));
   }
-  return RemoteObject::Open(std::make_shared<RemoteClient>(options, TransferEngine::OfProcess()),
-                            parsed, cancellation);
+  const auto client = std::make_shared<RemoteClient>(options, TransferEngine::OfProcess());
+  StartedObject opened;
+  auto object = RemoteObject::Open(client, parsed, start_bytes, &opened.start, cancellation);
+  if (absl::IsFailedPrecondition(object.status()) && start_bytes > kFewBytes) {
+    // Some servers answer 200 to a range that has the whole object, and know others.
+    opened.start.clear();
+    object = RemoteObject::Open(client, parsed, kFewBytes, nullptr, cancellation);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(opened.bytes, std::move(object));
+  return opened;
 }
 
 absl::StatusOr<std::unique_ptr<ObjectStore>> OpenAddressStore(absl::string_view prefix,

@@ -7,7 +7,9 @@
 #ifndef ISOSCOPE_CORE_SOURCE_REMOTE_OPEN_ADDRESS_H_
 #define ISOSCOPE_CORE_SOURCE_REMOTE_OPEN_ADDRESS_H_
 
+#include <cstdint>
 #include <memory>
+#include <string>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
@@ -24,6 +26,17 @@ namespace isoscope::source {
 absl::StatusOr<std::unique_ptr<ByteSource>> OpenAddress(absl::string_view address,
                                                         const RemoteOptions& options,
                                                         const base::Cancellation& cancellation);
+
+// The same with the first bytes of the object, which come with the request that opens it: `start_bytes`
+// of them, or all that it has. REQUIRES: start_bytes >= 2.
+struct StartedObject {
+  std::unique_ptr<ByteSource> bytes;
+  std::string start;
+};
+absl::StatusOr<StartedObject> OpenAddressWithStart(absl::string_view address,
+                                                   const RemoteOptions& options,
+                                                   std::int64_t start_bytes,
+                                                   const base::Cancellation& cancellation);
 
 // Opens the objects below a prefix, without a request. A query of the prefix (the signature of a
 // container) goes with every key. NOT_FOUND of a read is an answer of 404 or 410. S3 answers 403 for

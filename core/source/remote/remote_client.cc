@@ -159,6 +159,7 @@ absl::StatusOr<PreparedRequest> RemoteClient::Prepare(const RequestSpec& spec) c
   transfer.url = Secret(UrlOf(request.url));
   transfer.origin = OriginOf(request.url);
   transfer.max_per_origin = options_.max_requests_per_host;
+  transfer.awaits_multiplexing = !spec.address.is_s3;  // S3 has HTTP/1.1
   transfer.connect_timeout = options_.connect_timeout;
   transfer.head_timeout = options_.head_timeout;
   transfer.stall_timeout = options_.stall_timeout;

@@ -277,7 +277,8 @@ class TransferEngine::Loop {
     set(CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_2TLS));
     // With TLS the handshake tells whether a connection takes more requests. Without TLS only the
     // first answer would tell: all requests would wait for a server that does not give it.
-    set(CURLOPT_PIPEWAIT, absl::StartsWith(request.origin, "https://") ? 1L : 0L);
+    set(CURLOPT_PIPEWAIT,
+        request.awaits_multiplexing && absl::StartsWith(request.origin, "https://") ? 1L : 0L);
     set(CURLOPT_BUFFERSIZE, kReceiveBytes);
     set(CURLOPT_SUPPRESS_CONNECT_HEADERS, 1L);
     // No signals, and no wait for a name server when a transfer is broken off.

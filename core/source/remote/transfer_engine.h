@@ -40,6 +40,9 @@ struct TransferRequest {
   std::string origin;           // whose places are counted
   std::vector<Secret> headers;  // "Name: value"
   int max_per_origin = 1;       // transfers of this origin at a time
+  // With TLS: waits for the first connection, which tells whether it takes all requests (HTTP/2). Else
+  // each opens one of its own at once, which is quicker where a server has HTTP/1.1 alone.
+  bool awaits_multiplexing = true;
   absl::Duration connect_timeout = absl::Seconds(10);
   absl::Duration head_timeout = absl::Seconds(60);
   absl::Duration stall_timeout = absl::Seconds(30);

@@ -3,11 +3,14 @@
 #include "core/formats/address_source.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <functional>
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -19,6 +22,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
 #include "core/base/process_interrupt.h"
+#include "core/formats/address_opening.h"
 #include "core/formats/find_volume.h"
 #include "core/formats/open_request.h"
 #include "core/formats/source_labels.h"
@@ -43,14 +47,18 @@ namespace {
 using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::Each;
+using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using testing::IsOk;
+using ::testing::IsSupersetOf;
 using ::testing::Not;
 using testing::ServedConnection;
 using testing::ServedRequest;
+using ::testing::SizeIs;
 using ::testing::StartsWith;
 using testing::StatusIs;
+using ::testing::UnorderedElementsAre;
 
 constexpr math::Index3 kDims{37, 29, 23};
 constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
@@ -112,16 +120,28 @@ class AddressSourceTest : public testing::FolderTest {
     EXPECT_TRUE(*local == *remote);
   }
 
+  // What was asked for since the last call.
+  std::vector<std::string> TakeTargets() {
+    std::vector<std::string> targets;
+    const std::vector<ServedRequest> requests = server_.requests();
+    for (; taken_ < requests.size(); ++taken_) {
+      targets.push_back(
+          absl::StrCat(requests[taken_].target, " ", requests[taken_].Header("range")));
+    }
+    return targets;
+  }
+
+  void WriteObjects(const std::string& folder, const testing::Objects& objects) {
+    for (const auto& [key, bytes] : objects) {
+      dir_.Write(absl::StrCat(folder, "/", key), bytes);
+    }
+  }
+
   static absl::Status StatusOfOpen(const std::string& path) {
     return WholeOf({.path = path}).status();
   }
 
-  void WriteZarr(const std::string& name) {
-    testing::Objects objects = ZarrObjects();
-    for (const auto& [key, bytes] : objects) {
-      dir_.Write(absl::StrCat(name, "/", key), bytes);
-    }
-  }
+  void WriteZarr(const std::string& name) { WriteObjects(name, ZarrObjects()); }
   static testing::Objects ZarrObjects() {
     testing::Objects objects = {{"zarr.json", testing::Zarr3Group()}};
     objects["a/zarr.json"] = testing::Zarr3Text({23, 29, 37}, {8, 16, 16}, "uint16");
@@ -133,6 +153,7 @@ class AddressSourceTest : public testing::FolderTest {
   std::string samples_ = testing::Noise(kDims, volume::ScalarType::kUint16);
   std::string etag_ = "\"v1\"";
   bool knows_ranges_ = true;
+  std::size_t taken_ = 0;  // requests
   testing::ScriptedServer server_;
 };
 
@@ -256,8 +277,143 @@ TEST_F(AddressSourceTest, OnlyTheHeaderIsReadForInfo) {
   const auto series = Open({.path = At("large.nrrd")});
   ASSERT_THAT(series.status(), IsOk());
   ASSERT_THAT((*series)->Open(0, 0, 0).status(), IsOk());
-  // One block, and the first byte; text headers may have 4 MiB.
-  EXPECT_LE(server_.request_count(), 6);
+  // The block that opens it.
+  EXPECT_THAT(TakeTargets(), ElementsAre("/large.nrrd bytes=0-65535"));
+}
+
+// Text headers may have more than a block.
+TEST_F(AddressSourceTest, LongHeadersAreReadToTheirEnd) {
+  const std::string comment = absl::StrCat("# ", std::string(1000, 'x'), "\n");
+  std::string comments;
+  for (int i = 0; i < 200; ++i) {
+    comments += comment;
+  }
+  dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw", comments) + samples_);
+  const std::string header = testing::MetaHeader(kDims, "MET_USHORT", "LOCAL");
+  const std::size_t second = header.find('\n') + 1;
+  dir_.Write("a.mha", absl::StrCat(header.substr(0, second), "Comment = ", std::string(70'000, 'x'),
+                                   "\n", header.substr(second), samples_));
+  ExpectEqual("a.nrrd");
+  ExpectEqual("a.mha");
+}
+
+TEST_F(AddressSourceTest, PlanesOfVtiAreReadAtOnce) {
+  const math::Index3 large{256, 256, 32};
+  const std::string samples = testing::Noise(large, volume::ScalarType::kUint8);
+  dir_.Write("a.vti",
+             testing::VtiBytes({.extent = "0 255 0 255 0 31",
+                                .fields = {{.name = "p", .type = "UInt8", .samples = samples}}}));
+  const auto series = Open({.path = At("a.vti")});
+  ASSERT_THAT(series.status(), IsOk());
+  const auto source = (*series)->Open(0, 0, 0);
+  ASSERT_THAT(source.status(), IsOk());
+  TakeTargets();
+  // Half of each plane: stretches of 32 KiB, which a request takes with what lies between them.
+  constexpr std::int64_t kHalfPlane = 256 * 128;
+  std::string box(static_cast<std::size_t>(32 * kHalfPlane), '?');
+  ASSERT_THAT((*source)->ReadBox({.begin = {0, 128, 0}, .end = {256, 256, 32}}, box.data(),
+                                 base::Cancellation()),
+              IsOk());
+  for (std::size_t z = 0; z < 32; ++z) {
+    EXPECT_TRUE(box.substr(z * kHalfPlane, kHalfPlane) ==
+                samples.substr((2 * z + 1) * kHalfPlane, kHalfPlane))
+        << z;
+  }
+  EXPECT_THAT(TakeTargets(), SizeIs(1));
+}
+
+// Files, volumes and labels are looked for one after the other, each from the root on.
+TEST_F(AddressSourceTest, AnOpeningAsksForMetadataOnce) {
+  WriteZarr("run.zarr");
+  {
+    const AddressOpening opening;
+    ASSERT_THAT(OpenIdentified({.path = At("run.zarr:a")}).status(), IsOk());
+    ASSERT_THAT(ReadSourceLabels(At("run.zarr:a")).status(), IsOk());
+  }
+  EXPECT_THAT(
+      TakeTargets(),
+      UnorderedElementsAre("/run.zarr/zarr.json ", "/run.zarr/.zarray ", "/run.zarr/.zgroup ",
+                           "/run.zarr/.zattrs ", "/run.zarr/.zmetadata ", "/run.zarr/a/zarr.json ",
+                           "/run.zarr/a/.zarray ", "/run.zarr/a/.zgroup ", "/run.zarr/a/.zattrs "));
+}
+
+TEST_F(AddressSourceTest, AnOpeningAsksForLevelsAndLabelsTogether) {
+  const std::string axes = R"([{"name": "z", "type": "space"}, {"name": "y", "type": "space"},
+      {"name": "x", "type": "space"}])";
+  const auto level = [](const std::string& path, int scale) {
+    return absl::StrCat("{\"path\": \"", path,
+                        R"(", "coordinateTransformations": [{"type": "scale", "scale": [)", scale,
+                        ", ", scale, ", ", scale, "]}]}");
+  };
+  testing::Objects objects = {
+      {"zarr.json", testing::Zarr3Group(absl::StrCat(
+                        R"({"ome": {"version": "0.5", "multiscales": [{"axes": )", axes,
+                        ", \"datasets\": [", level("0", 1), ", ", level("1", 2), "]}]}}"))},
+      {"0/zarr.json", testing::Zarr3Text({8, 8, 8}, {8, 8, 8}, "uint16")},
+      {"1/zarr.json", testing::Zarr3Text({4, 4, 4}, {4, 4, 4}, "uint16")}};
+  WriteObjects("run.zarr", objects);
+  ASSERT_THAT(OpenIdentified({.path = At("run.zarr")}).status(), IsOk());
+  const std::vector<std::string> targets = TakeTargets();
+  EXPECT_THAT(targets, SizeIs(7));  // five of the root
+  EXPECT_THAT(targets, IsSupersetOf({"/run.zarr/0/zarr.json ", "/run.zarr/labels/zarr.json "}));
+}
+
+// Each field of the group is on the axes of the others.
+TEST_F(AddressSourceTest, AnOpeningAsksForCoordinatesOnce) {
+  testing::Objects objects = {{"zarr.json", testing::Zarr3Group()}};
+  for (const char* const field : {"t", "u"}) {
+    objects[absl::StrCat(field, "/zarr.json")] = testing::Zarr3Text(
+        {4, 4, 4}, {4, 4, 4}, "uint16", R"(, "dimension_names": ["z", "y", "x"])");
+  }
+  std::string nodes;
+  for (const char* const axis : {"z", "y", "x"}) {
+    objects[absl::StrCat(axis, "/zarr.json")] = testing::Zarr3Text(
+        {4}, {4}, "float64", absl::StrCat(R"(, "dimension_names": [")", axis, "\"]"));
+    objects[absl::StrCat(axis, "/c/0")] = testing::NumberText<double>({0, 1, 2, 3});
+  }
+  for (const auto& [key, text] : objects) {
+    if (const std::size_t slash = key.find("/zarr.json"); slash != std::string::npos) {
+      absl::StrAppend(&nodes, nodes.empty() ? "" : ", ", "\"", key.substr(0, slash), "\": ", text);
+    }
+  }
+  objects["zarr.json"] = absl::StrCat(
+      R"({"zarr_format": 3, "node_type": "group", "consolidated_metadata": {"metadata": {)", nodes,
+      "}}}");
+  WriteObjects("run.zarr", objects);
+  ASSERT_THAT(OpenIdentified({.path = At("run.zarr")}).status(), IsOk());
+  const std::vector<std::string> targets = TakeTargets();
+  EXPECT_THAT(targets, SizeIs(8));  // five of the root
+  EXPECT_THAT(targets, IsSupersetOf({"/run.zarr/z/c/0 ", "/run.zarr/y/c/0 ", "/run.zarr/x/c/0 "}));
+}
+
+TEST_F(AddressSourceTest, TheNextOpeningSeesWhatHasChanged) {
+  WriteZarr("run.zarr");
+  std::unique_ptr<VolumeSeries> series;
+  {
+    const AddressOpening opening;
+    auto opened = OpenIdentified({.path = At("run.zarr:a")});
+    ASSERT_THAT(opened.status(), IsOk());
+    series = *std::move(opened);
+  }
+  const auto sample = [&] {
+    auto source = series->Open(0, 0, 0);
+    std::string bytes(2, '?');
+    EXPECT_THAT((*source)->ReadBox({.begin = {0, 0, 0}, .end = {1, 1, 1}}, bytes.data(),
+                                   base::Cancellation()),
+                IsOk());
+    return bytes;
+  };
+  // Samples are never kept, however small their chunks are.
+  dir_.Write("run.zarr/a/c/0/0/0", std::string(8 * 16 * 16 * 2, '\1'));
+  EXPECT_EQ(sample(), "\1\1");
+  dir_.Write("run.zarr/a/c/0/0/0", std::string(8 * 16 * 16 * 2, '\2'));
+  EXPECT_EQ(sample(), "\2\2");
+  dir_.Write("run.zarr/a/zarr.json", testing::Zarr3Text({8, 16, 16}, {8, 16, 16}, "uint16"));
+  const auto again = Open({.path = At("run.zarr:a")});
+  ASSERT_THAT(again.status(), IsOk());
+  const auto source = (*again)->Open(0, 0, 0);
+  ASSERT_THAT(source.status(), IsOk());
+  EXPECT_EQ((*source)->info().geometry.sample_dims, (math::Index3{16, 16, 8}));
 }
 
 TEST_F(AddressSourceTest, AStoreOfZarrIsAFolderWithoutAList) {

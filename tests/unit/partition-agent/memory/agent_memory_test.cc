@@ -1,6 +1,8 @@
 #include "partition-agent/memory/agent_memory.h"
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <thread>
 
 #include "absl/strings/numbers.h"
@@ -83,6 +85,18 @@ TEST(AgentMemoryTest, CacheKeepsNothingBeforeSettleAndWithinTheLimitAfterIt) {
   }
   EXPECT_GT(cache->size_bytes(), 32 * kMiB);
   EXPECT_LT(in_use + cache->size_bytes() + memory.unused_image_bytes() + limit / 4, limit);
+}
+
+// What is touched takes time, which pays from the second frame on.
+TEST(AgentMemoryTest, MemoryIsTouchedAheadOfFramesUnlessThereIsOne) {
+  const std::size_t limit = AmpleLimit();
+  AgentMemory once(limit);
+  const std::size_t before = base::ResidentBytes();
+  ISOSCOPE_ASSERT_OK(once.Settle(std::nullopt, /*touches_ahead=*/false));
+  EXPECT_LT(base::ResidentBytes(), before + kMiB);
+  AgentMemory often(limit);
+  ISOSCOPE_ASSERT_OK(often.Settle());
+  EXPECT_GT(base::ResidentBytes(), before + 16 * kMiB);
 }
 
 TEST(AgentMemoryTest, TooSmallALimitSaysWhatIsInUseAndWhatWouldDo) {

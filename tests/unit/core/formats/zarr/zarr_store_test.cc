@@ -1,10 +1,13 @@
 #include "core/formats/zarr/zarr_store.h"
 
+#include <memory>
 #include <string>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "tests/support/memory_store.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/core/formats/zarr/zarr_files.h"
 
@@ -55,6 +58,34 @@ TEST(ZarrStoreTest, ReadsNodesOfBothVersions) {
       EXPECT_THAT(store->Node(bad), StatusIs(kInvalid)) << bad;
     }
   }
+}
+
+// Each document that may be there costs a request at an address.
+TEST(ZarrStoreTest, NodesHaveTheVersionOfTheRootWhereNothingLists) {
+  const auto keys_of = [](const Objects& objects) {
+    const auto store = std::make_shared<const testing::MemoryStore>(objects);
+    const auto zarr = ZarrStore::Open(store, nullptr);
+    EXPECT_EQ(store->TakeReads().size(), 5U);  // of the root
+    EXPECT_TRUE((*zarr)->Node("a").ok());
+    std::vector<std::string> keys;
+    for (const ObjectRead& read : store->TakeReads()) {
+      keys.push_back(read.key);
+    }
+    return keys;
+  };
+  EXPECT_THAT(keys_of({{"zarr.json", Zarr3Group()},
+                       {"a/zarr.json", Zarr3Text({4}, {2}, "uint16")},
+                       {"a/.zarray", "{"}}),
+              ElementsAre("a/zarr.json"));
+  EXPECT_THAT(keys_of({{".zgroup", "{\"zarr_format\": 2}"},
+                       {"a/.zarray", Zarr2Text({4}, {2}, "<u2")},
+                       {"a/zarr.json", "{"}}),
+              ElementsAre("a/.zarray", "a/.zgroup", "a/.zattrs"));
+  // On a disk a group of Zarr 3 may stand around a store of Zarr 2.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto mixed,
+      OpenObjects({{"zarr.json", Zarr3Group()}, {"old/.zarray", Zarr2Text({4}, {2}, "<u2")}}));
+  EXPECT_TRUE(mixed->Node("old").ok());
 }
 
 TEST(ZarrStoreTest, TakesConsolidatedMetadata) {

@@ -95,6 +95,22 @@ TEST_F(CachedBytesTest, ReadsASmallPieceOnce) {
   EXPECT_THAT(source_->TakeRequests(), IsEmpty());
 }
 
+// The request that opened an object has its first block; one of another size is left alone.
+TEST_F(CachedBytesTest, TakesTheFirstBlock) {
+  const auto first = MakeCachedFile(source_, "https://host/y",
+                                    bytes_.substr(0, static_cast<std::size_t>(kCachedBlockBytes)));
+  std::string out(1000, '?');
+  ISOSCOPE_ASSERT_OK(first->ReadAt(5, out.size(), out.data()));
+  EXPECT_EQ(out, bytes_.substr(5, out.size()));
+  EXPECT_THAT(source_->TakeRequests(), IsEmpty());
+  ISOSCOPE_ASSERT_OK(first->ReadAt(kCachedBlockBytes, 1, out.data()));
+  EXPECT_THAT(source_->TakeRequests(), ElementsAre(Pair(kCachedBlockBytes, 2 * kCachedBlockBytes)));
+
+  const auto cut = MakeCachedFile(source_, "https://host/z", bytes_.substr(0, 100));
+  ISOSCOPE_ASSERT_OK(cut->ReadAt(5, out.size(), out.data()));
+  EXPECT_EQ(out, bytes_.substr(5, out.size()));
+}
+
 TEST_F(CachedBytesTest, ReadsAheadOfThoseWhoGoOn) {
   for (std::int64_t offset = 0; offset + 1000 <= file_->size_bytes(); offset += 1000) {
     ASSERT_EQ(Read(offset, 1000), bytes_.substr(static_cast<std::size_t>(offset), 1000)) << offset;

@@ -106,6 +106,35 @@ TEST_F(OpenAddressTest, ReadsRangesWithTheirBytes) {
   EXPECT_EQ(server.request_count(), 6);
 }
 
+TEST_F(OpenAddressTest, TheStartComesWithTheRequestThatOpens) {
+  const ScriptedServer server(Always());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      StartedObject opened,
+      OpenAddressWithStart(server.origin() + "/a", QuickOptions(), 5000, never_));
+  EXPECT_EQ(opened.bytes->size_bytes(), 100'000);
+  EXPECT_EQ(opened.start, object_.bytes.substr(0, 5000));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      opened, OpenAddressWithStart(server.origin() + "/a", QuickOptions(), 200'000, never_));
+  EXPECT_EQ(opened.start, object_.bytes);
+  EXPECT_EQ(server.request_count(), 2);
+}
+
+// A server may answer with all where a range has all, and know other ranges.
+TEST_F(OpenAddressTest, AnAnswerWithAllIsAskedForLess) {
+  const ScriptedServer server([this](const ServedRequest& request, ServedConnection* connection) {
+    if (request.Header("range") == "bytes=0-199999") {
+      connection->Send(Answer(200, "ETag: \"v1\"\r\n", object_.bytes));
+    } else {
+      ServeObject(object_, request, connection);
+    }
+  });
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const StartedObject opened,
+      OpenAddressWithStart(server.origin() + "/a", QuickOptions(), 200'000, never_));
+  EXPECT_EQ(opened.bytes->size_bytes(), 100'000);
+  EXPECT_EQ(opened.start, "");
+}
+
 TEST_F(OpenAddressTest, RequestsAreBoundedByHost) {
   std::atomic<int> running{0};
   std::atomic<int> most{0};
