@@ -52,7 +52,7 @@ for (const [type, Numbers] of Object.entries(types)) {
     const array = names.length.toString();
     try {
       const made = await zarr.create(root.resolve(array), { shape: [5, 7, 9], chunk_shape: [2, 3, 4],
-        chunkShape: [2, 3, 4], data_type: type, dtype: type, fill_value: 0, codecs,
+        chunkShape: [2, 3, 4], data_type: type, dtype: type, fill_value: 0, fillValue: 0, codecs,
         chunk_key_encoding: { name, configuration: { separator } },
         chunkKeyEncoding: { name, configuration: { separator } } });
       const data = new Numbers(315);
