@@ -193,12 +193,13 @@ def read_with_pydicom(path, series):
     return Other(samples, affine)
 
 
-def decode_zarr(data, dtype, shape, codecs):
-    """The array that codecs of Zarr 3 have encoded, one codec after the other, in NumPy alone."""
+def decode_zarr(data, dtype, shape, codecs, fill):
+    """The array that codecs of Zarr 3 have encoded, in NumPy alone. `fill`: what missing inner chunks of shards are."""
     import numcodecs
     dtype = dtype.newbyteorder("<")
     order = tuple(range(len(shape)))
     steps = []
+    sharding = None
     for codec in codecs:
         configuration = codec.get("configuration", {})
         if codec["name"] == "transpose":
@@ -208,30 +209,40 @@ def decode_zarr(data, dtype, shape, codecs):
         elif codec["name"] == "bytes":
             dtype = dtype.newbyteorder(">" if configuration.get("endian") == "big" else "<")
         elif codec["name"] == "sharding_indexed":
-            stored = tuple(shape[axis] for axis in order)
-            return np.transpose(decode_shard(data, dtype, stored, configuration), np.argsort(order))
+            sharding = configuration
         else:
-            steps.append(codec["name"].removeprefix("numcodecs."))
-    for name in reversed(steps):
-        data = data[:-4] if name == "crc32c" else numcodecs.get_codec({"id": name}).decode(data)
-    flat = np.frombuffer(data, dtype).reshape([shape[axis] for axis in order])
-    return np.transpose(flat, np.argsort(order))
+            # Decoders need none of what Zarr's own codecs are configured with, and numcodecs does not know it all.
+            name = codec["name"].removeprefix("numcodecs.")
+            steps.append({"id": name, **(configuration if name != codec["name"] else {})})
+    for step in reversed(steps):
+        data = data[:-4] if step["id"] == "crc32c" else numcodecs.get_codec(step).decode(data)
+    stored = tuple(shape[axis] for axis in order)
+    array = (np.frombuffer(data, dtype).reshape(stored) if sharding is None else
+             decode_shard(data, dtype, stored, sharding, fill))
+    return np.transpose(array, np.argsort(order))
 
 
-def decode_shard(data, dtype, shape, configuration):
+def decode_shard(data, dtype, shape, configuration, fill):
     inner = configuration["chunk_shape"]
     counts = [size // part for size, part in zip(shape, inner)]
     has_checksum = any(codec["name"] == "crc32c" for codec in configuration["index_codecs"])
     size = 16 * math.prod(counts) + (4 if has_checksum else 0)
     index = data[:size] if configuration.get("index_location") == "start" else data[-size:]
     entries = np.frombuffer(index[:16 * math.prod(counts)], "<u8").reshape(*counts, 2)
-    array = np.full(shape, np.nan if dtype.kind == "f" else 0, dtype)  # the caller compares no missing chunks
+    array = np.full(shape, fill, dtype)
     for place in np.ndindex(*counts):
         offset, length = (int(number) for number in entries[place])
         if offset != 2**64 - 1:
             box = tuple(slice(i * part, (i + 1) * part) for i, part in zip(place, inner))
-            array[box] = decode_zarr(data[offset:offset + length], dtype, tuple(inner), configuration["codecs"])
+            array[box] = decode_zarr(data[offset:offset + length], dtype, tuple(inner), configuration["codecs"], fill)
     return array
+
+
+def fill_of(value, dtype):
+    """A number, or for floats "NaN", "Infinity", or bits such as "0x7fc00000"."""
+    if isinstance(value, str) and value.startswith("0x"):
+        return np.frombuffer(int(value, 16).to_bytes(dtype.itemsize, "little"), dtype.newbyteorder("<"))[0]
+    return dtype.type(float(value)) if isinstance(value, str) else value or 0
 
 
 def read_zarr3(folder, metadata):
@@ -241,14 +252,15 @@ def read_zarr3(folder, metadata):
     keys = metadata["chunk_key_encoding"]
     is_v2 = keys["name"] == "v2"
     separator = keys.get("configuration", {}).get("separator", "." if is_v2 else "/")
-    array = np.full([-(-size // part) * part for size, part in zip(shape, chunk)], metadata["fill_value"] or 0, dtype)
+    fill = fill_of(metadata["fill_value"], dtype)
+    array = np.full([-(-size // part) * part for size, part in zip(shape, chunk)], fill, dtype)
     for place in np.ndindex(*[-(-size // part) for size, part in zip(shape, chunk)]):
         key = separator.join(([] if is_v2 else ["c"]) + [str(i) for i in place])
         path = os.path.join(folder, key)
         if os.path.exists(path):
             with open(path, "rb") as file:
                 box = tuple(slice(i * part, (i + 1) * part) for i, part in zip(place, chunk))
-                array[box] = decode_zarr(file.read(), dtype, tuple(chunk), metadata["codecs"])
+                array[box] = decode_zarr(file.read(), dtype, tuple(chunk), metadata["codecs"], fill)
     return array[tuple(slice(size) for size in shape)]
 
 

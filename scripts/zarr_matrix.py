@@ -26,13 +26,13 @@ NUMBERS = ('u2', 'i2', 'u4', 'i4', 'u8', 'i8', 'f2', 'f4', 'f8')
 ZARRITA = '''
 import * as zarr from "zarrita";
 import { FileSystemStore } from "@zarrita/storage";
-const root = zarr.root(new FileSystemStore(process.argv[2]));
-await zarr.create(root, { attributes: {} });
 const names = [];
 const types = { int8: Int8Array, uint8: Uint8Array, int16: Int16Array, uint16: Uint16Array, int32: Int32Array,
   uint32: Uint32Array, float32: Float32Array, float64: Float64Array, int64: BigInt64Array, uint64: BigUint64Array };
 const keys = { "default/": ["default", "/"], "default.": ["default", "."], "v2/": ["v2", "/"], "v2.": ["v2", "."] };
 for (const [type, Numbers] of Object.entries(types)) {
+  const root = zarr.root(new FileSystemStore(`${process.argv[2]}/${type}`));
+  await zarr.create(root, { attributes: {} });
   const isBig = Numbers === BigInt64Array || Numbers === BigUint64Array;
   const size = Numbers.BYTES_PER_ELEMENT;
   const le = { name: "bytes", configuration: { endian: "little" } };
@@ -52,13 +52,13 @@ for (const [type, Numbers] of Object.entries(types)) {
     const array = names.length.toString();
     try {
       const made = await zarr.create(root.resolve(array), { shape: [5, 7, 9], chunk_shape: [2, 3, 4],
-        chunkShape: [2, 3, 4], data_type: type, dtype: type, fill_value: isBig ? 0n : 0, codecs,
+        chunkShape: [2, 3, 4], data_type: type, dtype: type, fill_value: 0, fillValue: 0, codecs,
         chunk_key_encoding: { name, configuration: { separator } },
         chunkKeyEncoding: { name, configuration: { separator } } });
       const data = new Numbers(315);
       for (let i = 0; i < 315; i++) data[i] = isBig ? BigInt((i * 37) % 120) : (i * 37) % 120;
       await zarr.set(made, null, { data, shape: [5, 7, 9], stride: [63, 9, 1] });
-      names.push([array, chain, type, key, ""]);
+      names.push([`${type}/${array}`, chain, type, key, ""]);
     } catch (e) { names.push([array, chain, type, key, String(e)]); }
   }
 }
@@ -76,7 +76,6 @@ def write_with_zarr_python(folder, np):
     """Yields (path, codec, type, order and keys)."""
     import numcodecs
     import zarr
-    root = zarr.open_group(str(folder), mode='w')
     compressors = {
         'none': None, 'gzip': numcodecs.GZip(3), 'zlib': numcodecs.Zlib(6), 'bz2': numcodecs.BZ2(2),
         'lz4': numcodecs.LZ4(), 'zstd': numcodecs.Zstd(5), 'lzma': numcodecs.LZMA(),
@@ -86,6 +85,9 @@ def write_with_zarr_python(folder, np):
         'blosc zlib': numcodecs.Blosc('zlib', 5, numcodecs.Blosc.SHUFFLE),
     }
     for dtype in ['|b1', '|u1', '|i1'] + [order + name for order in '<>' for name in NUMBERS]:
+        # A store for each type: with all arrays in one, each command would look at thousands of others.
+        store = folder / f'{"big-" if dtype[0] == ">" else ""}{dtype[1:]}'
+        root = zarr.open_group(str(store), mode='w')
         data = samples_of(np, dtype)
         chains = {name: (compressor, None) for name, compressor in compressors.items()}
         chains['shuffle, zlib'] = (numcodecs.Zlib(1), [numcodecs.Shuffle(data.dtype.itemsize)])
@@ -99,7 +101,7 @@ def write_with_zarr_python(folder, np):
                                                 compressor=compressor, filters=filters,
                                                 dimension_separator=separator)
                     array[...] = data
-                    yield folder / name, codec, dtype, f'{order} {separator}'
+                    yield store / name, codec, dtype, f'{order} {separator}'
 
 
 def write_with_gdal(folder, np):
@@ -161,6 +163,7 @@ def main():
     parser.add_argument('folder', type=pathlib.Path, help='for the arrays; is made, and must not exist')
     parser.add_argument('--part', type=float, default=1, help='the part of all arrays that is compared (default: 1)')
     parser.add_argument('--seed', type=int, default=1, help='that chooses the part (default: 1)')
+    parser.add_argument('--writer', action='append', help='one of those; may be repeated (default: all)')
     parser.add_argument('--zarrita', metavar='NODE_FOLDER', help='a folder with node_modules/zarrita')
     args = parser.parse_args()
     import numpy as np
@@ -170,6 +173,7 @@ def main():
     (args.folder / 'gdal').mkdir()
     if args.zarrita:
         writers['zarrita'] = lambda: write_with_zarrita((args.folder / 'zarrita.zarr').absolute(), args.zarrita)
+    writers = {name: write for name, write in writers.items() if name in (args.writer or writers)}
     expected = {}
     chance = random.Random(args.seed)
     count, equal, wrong = collections.Counter(), collections.Counter(), []

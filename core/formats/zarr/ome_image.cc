@@ -237,7 +237,8 @@ absl::StatusOr<OmeImages> OmeImagesIn(const ZarrJson& attributes, const std::str
   const ZarrJson& members = OmeMembersOf(attributes);
   const ZarrJson* const list = MemberOf(members, "multiscales");
   OmeImages found;
-  if (list == nullptr) {
+  // Another convention of the same name (zarr-conventions/multiscales) has an object with a layout.
+  if (list == nullptr || MemberOf(*list, "layout") != nullptr) {
     return found;
   }
   if (!list->is_array() || list->empty() || !list->front().is_object()) {

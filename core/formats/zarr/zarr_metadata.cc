@@ -151,6 +151,21 @@ absl::Status TakeFill(const ZarrJson* value, const std::string& name, ZarrArray*
   return absl::OkStatus();
 }
 
+// n5-zarr and jzarr write the fill value of Zarr 2 as text, "0", which zarr-python and GDAL take for
+// the number. Returns the number of such a text, other values as they are, null for none.
+ZarrJson Zarr2Fill(const ZarrJson* value) {
+  constexpr std::size_t kMaxNumberText = 40;
+  if (value == nullptr) {
+    return {};
+  }
+  if (value->is_string() && value->get_ref<const std::string&>().size() <= kMaxNumberText) {
+    ZarrJson number = ZarrJson::parse(value->get_ref<const std::string&>(), /*cb=*/nullptr,
+                                      /*allow_exceptions=*/false);
+    return number.is_number() ? number : *value;
+  }
+  return *value;
+}
+
 absl::StatusOr<char> SeparatorIn(const ZarrJson& object, const char* member, char otherwise,
                                  const std::string& name) {
   const ZarrJson* const separator = MemberOf(object, member);
@@ -294,7 +309,8 @@ absl::StatusOr<ZarrArray> ParseZarr2Array(const ZarrJson& metadata, const ZarrJs
     return absl::InvalidArgumentError(absl::StrCat(name, ": ", number.status().message()));
   }
   array.type = number->type;
-  ISOSCOPE_RETURN_IF_ERROR(TakeFill(MemberOf(metadata, "fill_value"), name, &array));
+  const ZarrJson fill = Zarr2Fill(MemberOf(metadata, "fill_value"));
+  ISOSCOPE_RETURN_IF_ERROR(TakeFill(&fill, name, &array));
   ISOSCOPE_ASSIGN_OR_RETURN(array.separator,
                             SeparatorIn(metadata, "dimension_separator", '.', name));
   const ZarrJson* const order = MemberOf(metadata, "order");

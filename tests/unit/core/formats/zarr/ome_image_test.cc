@@ -61,6 +61,15 @@ TEST(OmeImageTest, ReadsAxesLevelsAndChannels) {
   EXPECT_TRUE(none.ok() && !none->has_value());
 }
 
+// zarr-conventions/multiscales, of geospatial stores, has an object in the place of the list. Taken for
+// an image, it would hide the arrays of its group.
+TEST(OmeImageTest, AnotherConventionOfTheNameIsNoImage) {
+  const auto none = OmeImageIn(
+      ZarrJson::parse(R"({"multiscales": {"layout": [{"asset": "level0"}]}})"), "f.zarr");
+  ISOSCOPE_ASSERT_OK(none);
+  EXPECT_FALSE(none->has_value());
+}
+
 TEST(OmeImageTest, MakesTheGrid) {
   const OmeImage image = Image(kImage);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const OmeGrid grid, OmeGridOf(image, 1, {3, 2, 4, 8, 16}, {}));

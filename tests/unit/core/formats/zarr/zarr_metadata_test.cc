@@ -69,6 +69,14 @@ TEST(ZarrMetadataTest, ReadsKeysAndFills) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrArray nan,
                                 Parse2(Zarr2Text({4}, {2}, "<f8", ", \"fill_value\": \"NaN\"")));
   EXPECT_EQ(absl::BytesToHexString(nan.fill), "000000000000f87f");
+  // As n5-zarr and jzarr (bioformats2raw) write it.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrArray text,
+                                Parse2(Zarr2Text({4}, {2}, "<i2", ", \"fill_value\": \"-3\"")));
+  EXPECT_TRUE(text.has_fill);
+  EXPECT_EQ(absl::BytesToHexString(text.fill), "fdff");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ZarrArray real,
+                                Parse2(Zarr2Text({4}, {2}, "<f4", ", \"fill_value\": \"0.5\"")));
+  EXPECT_EQ(absl::BytesToHexString(real.fill), "0000003f");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const ZarrArray v2,
       Parse3(Zarr3Text({4, 4}, {2, 2}, "uint8", R"(, "chunk_key_encoding": {"name": "v2"})")));
@@ -128,6 +136,8 @@ TEST(ZarrMetadataTest, RefusesByName) {
                 {"\"<u2\"", "\"<m8[99999999999s]\"", "times of 1"},
                 {"\"fill_value\": 0", "\"fill_value\": 70000", "70000"},
                 {"\"fill_value\": 0", "\"fill_value\": \"AAA=\"", "fill_value"},
+                {"\"fill_value\": 0", "\"fill_value\": \"70000\"", "70000"},
+                {"\"fill_value\": 0", "\"fill_value\": \"[0]\"", "fill_value"},
                 {"\"order\": \"C\"", "\"order\": \"K\"", "order"},
                 {"\"filters\": null", "\"filters\": {}", "filters"},
                 {"\"filters\": null", "\"filters\": [3]", "filters"},
