@@ -429,17 +429,20 @@ class UnitReader final : public store::SampleReader {
     return source_;
   }
   // Opens a source once more that has given an error or other samples: it may have vanished, or be
-  // back as it was. Returns the same one, or the same error, if that was tried just before.
+  // back as it was. Returns the same one, or the same error, if that was tried just before. Threads
+  // wait for the one that opens it.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAgain(
-      const OpenSource& doubtful) const ABSL_LOCKS_EXCLUDED(mutex_) {
+      const OpenSource& doubtful) const ABSL_LOCKS_EXCLUDED(reopening_, mutex_) {
+    const base::MutexLock reopening(&reopening_);
     {
       const base::MutexLock lock(&mutex_);
-      if (source_->number != doubtful.number ||
-          base::MonotonicNow() - reopened_ < kReopeningPause) {
+      if (source_->number != doubtful.number) {
+        return source_;
+      }
+      if (base::MonotonicNow() - reopened_ < kReopeningPause) {
         ISOSCOPE_RETURN_IF_ERROR(reopening_error_);
         return source_;
       }
-      reopened_ = base::MonotonicNow();
     }
     // A task of this thread's arena could wait for the lock that it holds.
     absl::StatusOr<std::shared_ptr<const OpenSource>> source = tbb::this_task_arena::isolate(
@@ -528,6 +531,7 @@ class UnitReader final : public store::SampleReader {
   const bool is_local_;
   math::Index3 counts_;  // of units
 
+  mutable base::Mutex reopening_;  // held while the source is opened again
   mutable base::Mutex mutex_;
   mutable std::shared_ptr<const OpenSource> source_ ABSL_GUARDED_BY(mutex_);
   // Of the last OpenAgain:
