@@ -2,11 +2,13 @@
 
 #include <utility>
 
+#include "absl/strings/cord.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/retry_delay.h"
 #include "rpc/unary_call.h"
@@ -20,6 +22,15 @@ constexpr std::size_t kMaxFiles = 64;
 bool SaysNothingOfTheFile(const absl::Status& status) {
   return absl::IsCancelled(status) || absl::IsDeadlineExceeded(status) ||
          absl::IsUnavailable(status) || absl::IsResourceExhausted(status);
+}
+
+bool IsOfSource(const absl::Status& status) {
+  return base::ReasonOf(status) == base::ErrorReason::kSourceUnreadable;
+}
+
+// A caller has credentials of his own, and this is not about them.
+absl::StatusCode CodeOfSource(const absl::Status& status) {
+  return absl::IsUnauthenticated(status) ? absl::StatusCode::kPermissionDenied : status.code();
 }
 
 // Returns the path that begins at `begin` with a folder: behind that it ends before a blank or
@@ -56,7 +67,8 @@ void ShardDamages::AddShard(const std::string& directory, std::string dataset, i
   shards_[directory] = {.dataset = std::move(dataset),
                         .shard_index = shard_index,
                         .source_folder = source.substr(0, source.rfind('/') + 1),
-                        .messages = {}};
+                        .messages = {},
+                        .source_message = ""};
 }
 
 absl::Status ShardDamages::ForCaller(absl::Status status) {
@@ -85,7 +97,10 @@ absl::Status ShardDamages::ForCaller(absl::Status status) {
       if (entry.source_folder.size() > 1) {
         told = WithoutFolders(absl::StrReplaceAll(told, {{entry.source_folder, ""}}));
       }
-      if (!SaysNothingOfTheFile(status) && entry.messages.size() < kMaxFiles) {
+      if (IsOfSource(status)) {
+        is_new = entry.source_message != told;
+        entry.source_message = told;
+      } else if (!SaysNothingOfTheFile(status) && entry.messages.size() < kMaxFiles) {
         std::string& message = entry.messages[path];
         is_new = message != told;
         message = told;
@@ -100,12 +115,19 @@ absl::Status ShardDamages::ForCaller(absl::Status status) {
   }
   if (is_new) {
     base::LogWarning(
-        "shard_damaged",
+        IsOfSource(status) ? "source_unreadable" : "shard_damaged",
         {{"dataset", dataset}, {"shard", shard_index}, {"path", path}, {"status", status}});
   }
   const std::string named =
       hides_paths_ ? absl::StrCat("dataset \"", dataset, "\", shard ", shard_index, ": ", told)
                    : std::string(status.message());
+  if (IsOfSource(status)) {
+    absl::Status of_source(CodeOfSource(status), named);
+    status.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) {
+      of_source.SetPayload(url, payload);
+    });
+    return of_source;
+  }
   if (SaysNothingOfTheFile(status)) {
     absl::Status same(status.code(), named);
     return absl::IsResourceExhausted(status)

@@ -40,6 +40,10 @@ class ShardDamages {
   // DATA_LOSS without the folder's path. RESOURCE_EXHAUSTED (open files, memory) stays and gets a
   // retry delay; it says nothing about the file. So do the ends of calls: CANCELLED,
   // DEADLINE_EXCEEDED, UNAVAILABLE. Other errors and OK stay as they are.
+  //
+  // A source that can't be read (ErrorReason::kSourceUnreadable) is no damage of a shard: the error
+  // is logged as source_unreadable, and keeps its code, but for UNAUTHENTICATED, which becomes
+  // PERMISSION_DENIED.
   absl::Status ForCaller(absl::Status status) ABSL_LOCKS_EXCLUDED(mutex_);
 
   // A folder below a shard's folder, or that itself, could be read: its damage is over.
@@ -54,6 +58,7 @@ class ShardDamages {
     int shard_index = 0;
     std::string source_folder;                    // with a slash at its end; "" if there is none
     std::map<std::string, std::string> messages;  // by path of the file
+    std::string source_message;                   // the latest that was logged
   };
 
   const bool hides_paths_;

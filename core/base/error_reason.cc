@@ -4,6 +4,7 @@
 #include <cstddef>
 
 #include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
 
 #include "core/base/retry_delay.h"
 
@@ -19,23 +20,12 @@ struct Entry {
 };
 // Indexed by the value of the enumerator.
 constexpr std::array<Entry, kErrorReasonCount> kEntries = {{
-    {"DATASET_UNKNOWN", false},
-    {"DATASET_INCOMPLETE", true},
-    {"DATASET_ID_DIFFERS", false},
-    {"INVALID_FIELD", false},
-    {"TOO_BUSY", true},
-    {"RATE_LIMITED", true},
-    {"TOO_LARGE", false},
-    {"AGENT_LOST", true},
-    {"AGENT_OPENING", true},
-    {"SERVER_STOPS", true},
-    {"SHARD_DAMAGED", false},
-    {"DEADLINE_PASSED", true},
-    {"UNAUTHENTICATED", false},
-    {"PERMISSION_DENIED", false},
-    {"NOT_POSSIBLE", false},
-    {"CANCELLED", false},
-    {"UNIMPLEMENTED", false},
+    {"DATASET_UNKNOWN", false}, {"DATASET_INCOMPLETE", true}, {"DATASET_ID_DIFFERS", false},
+    {"INVALID_FIELD", false},   {"TOO_BUSY", true},           {"RATE_LIMITED", true},
+    {"TOO_LARGE", false},       {"AGENT_LOST", true},         {"AGENT_OPENING", true},
+    {"SERVER_STOPS", true},     {"SHARD_DAMAGED", false},     {"SOURCE_UNREADABLE", true},
+    {"DEADLINE_PASSED", true},  {"UNAUTHENTICATED", false},   {"PERMISSION_DENIED", false},
+    {"NOT_POSSIBLE", false},    {"CANCELLED", false},         {"UNIMPLEMENTED", false},
     {"INTERNAL", false},
 }};
 
@@ -59,6 +49,13 @@ bool IsTransient(ErrorReason reason) { return EntryOf(reason).is_transient; }
 absl::Status WithReason(absl::Status status, ErrorReason reason) {
   status.SetPayload(kPayload, absl::Cord(NameOf(reason)));
   return status;
+}
+
+absl::Status WithPrefix(absl::string_view prefix, const absl::Status& status) {
+  absl::Status named(status.code(), absl::StrCat(prefix, status.message()));
+  status.ForEachPayload(
+      [&](absl::string_view url, const absl::Cord& payload) { named.SetPayload(url, payload); });
+  return named;
 }
 
 ErrorReason ReasonOf(const absl::Status& status) {

@@ -25,6 +25,7 @@ enum class ErrorReason {
   kAgentOpening,
   kServerStops,
   kShardDamaged,
+  kSourceUnreadable,
   kDeadlinePassed,
   kUnauthenticated,
   kPermissionDenied,
@@ -44,6 +45,8 @@ bool IsTransient(ErrorReason reason);
 
 // Returns `status` with the reason as a payload. REQUIRES: it is an error.
 absl::Status WithReason(absl::Status status, ErrorReason reason);
+// Returns `status` with text before its message. It keeps its reason and its retry delay.
+absl::Status WithPrefix(absl::string_view prefix, const absl::Status& status);
 // The reason that was set; without one, that of the code. REQUIRES: `status` is an error.
 ErrorReason ReasonOf(const absl::Status& status);
 // Returns the reason of an error that has none set. It follows from the code, and from whether the

@@ -411,7 +411,11 @@ absl::StatusOr<AddressSource> FindWhole(const Address& address, const RemoteOpti
 }
 
 absl::StatusOr<AddressSource> FindFirst(const Address& address) {
-  ISOSCOPE_ASSIGN_OR_RETURN(RemoteOptions options, RemoteOptionsFromEnvironment());
+  absl::StatusOr<RemoteOptions> from_environment = RemoteOptionsFromEnvironment();
+  if (!from_environment.ok()) {  // says nothing of the object
+    return absl::FailedPreconditionError(from_environment.status().message());
+  }
+  RemoteOptions options = *std::move(from_environment);
   options.follows_to_other_hosts = options.follows_to_other_hosts && !refuses_other_hosts;
   const std::string& path = ObjectPathOf(address);
   if (address.is_s3 && path.empty()) {
@@ -560,6 +564,15 @@ absl::StatusOr<std::vector<std::string>> FilesOfZarrAtAddress(const std::string&
                    .tells_all = false});
   }
   return files;
+}
+
+void ForgetAddress(absl::string_view text) {
+  const absl::StatusOr<std::string> path = PathOfSource(text);
+  if (path.ok()) {
+    Known& known = KnownOfProcess();
+    const base::MutexLock lock(&known.finding);
+    known.found.erase(*path);
+  }
 }
 
 void RefuseOtherHosts() { refuses_other_hosts = true; }

@@ -51,6 +51,10 @@ absl::StatusOr<std::vector<std::string>> FilesOfZarrAtAddress(const std::string&
                                                               const std::string& axes,
                                                               const GridRules& rules);
 
+// The next FindAtAddress of the path asks the server again, because another object may stand there.
+// Files that are open keep their bytes.
+void ForgetAddress(absl::string_view text);
+
 // From now on no server of this process may redirect to another host: for programs that read what
 // others' manifests name.
 void RefuseOtherHosts();

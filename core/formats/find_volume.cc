@@ -9,6 +9,10 @@
 
 #include "core/formats/find_volume.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstddef>
 #include <utility>
 
@@ -123,11 +127,22 @@ absl::StatusOr<FoundVolume> FindVolumeAs(const std::string& path, absl::string_v
       absl::StrFormat("--format %s: expected one of %s", name, absl::StrJoin(names, ", ")));
 }
 
+// PERMISSION_DENIED if the system does not let this process look there. Readers would say that it is
+// no file of theirs.
+absl::Status CheckRights(const std::string& path, bool is_folder) {
+  const bool is_refused =
+      !io::IsMounted(path) &&
+      faccessat(AT_FDCWD, path.c_str(), is_folder ? X_OK : R_OK, AT_EACCESS) != 0 &&
+      errno == EACCES;
+  return is_refused ? io::ErrnoToStatus(EACCES, "open", path) : absl::OkStatus();
+}
+
 // What is no address; objects at one are mounted.
 absl::StatusOr<FoundVolume> FindFileOrFolder(const std::string& path, absl::string_view format,
                                              absl::Span<const Format> formats) {
   // The readers of libraries would wait for a writer, or read without end.
   const bool is_folder = io::IsDirectory(path);
+  ISOSCOPE_RETURN_IF_ERROR(CheckRights(path, is_folder));
   ISOSCOPE_RETURN_IF_ERROR(is_folder ? absl::OkStatus() : io::CheckIsRegularFile(path));
   if (!format.empty()) {
     return FindVolumeAs(path, format, formats);

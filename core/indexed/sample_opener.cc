@@ -29,11 +29,16 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "absl/time/time.h"
+#include "oneapi/tbb/task_arena.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/error_reason.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/formats/address_opening.h"
+#include "core/formats/address_source.h"
 #include "core/formats/open_request.h"
 #include "core/indexed/source_request.h"
 #include "core/indexed/unit_cache.h"
@@ -55,6 +60,9 @@ bool IsBelow(absl::string_view path, absl::string_view prefix) {
   // "run.h5:/p" and "a.zarr/0" are of "run.h5" and "a.zarr".
   return absl::ConsumePrefix(&path, prefix) && (path.empty() || path[0] == '/' || path[0] == ':');
 }
+
+// A source that gives other samples is opened again at most this often, whatever the number of blocks.
+constexpr absl::Duration kReopeningPause = absl::Seconds(5);
 
 // More than any bound of memory.
 constexpr std::int64_t kMostBytes = std::int64_t{1} << 60;
@@ -82,8 +90,57 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(source::VolumeSer
                                wanted.component, wanted.step);
 }
 
+// What is known of a source before it is opened, for messages.
+struct SourceNames {
+  std::string dataset;
+  std::string recorded;  // path in the manifest
+  std::string actual;    // where it is read
+};
+
+absl::Status Unreadable(const absl::Status& status) {
+  return base::WithReason(status, base::ErrorReason::kSourceUnreadable);
+}
+
+// Returns an error of the source with what to do about it. What another volume would give is
+// DATA_LOSS.
+absl::Status Explain(const SourceNames& names, const absl::Status& status) {
+  const std::string where = absl::StrCat("index-only dataset ", names.dataset);
+  const std::string in_source = absl::StrCat(where, ": its samples are in ", names.recorded, ": ");
+  const auto changed = [&] {
+    return absl::DataLossError(
+        absl::StrCat(where, ": the source has changed or is damaged: ", status.message(),
+                     "; bring it back as it was, or partition it anew"));
+  };
+  switch (status.code()) {
+    case absl::StatusCode::kNotFound:
+      return Unreadable(absl::NotFoundError(absl::StrCat(
+          in_source, status.message(),
+          "; bring it back, or say where it is now: ISOSCOPE_ALLOW_SOURCE=", names.recorded,
+          "=NEW (of isoscope-agent also --allow-source)")));
+    case absl::StatusCode::kPermissionDenied:
+    case absl::StatusCode::kUnauthenticated:
+      return Unreadable(absl::Status(
+          status.code(),
+          absl::StrCat(in_source, status.message(), "; give this program ",
+                       IsAddress(names.actual) ? "credentials that may read it (docs/remote.md)"
+                                               : "the right to read it")));
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kOutOfRange:
+    case absl::StatusCode::kDataLoss:
+      return changed();
+    case absl::StatusCode::kFailedPrecondition:  // a folder or a pipe stands in its place
+      return IsAddress(names.actual)
+                 ? Unreadable(base::WithPrefix(absl::StrCat(where, ": "), status))
+                 : changed();
+    case absl::StatusCode::kUnavailable:
+      return Unreadable(base::WithPrefix(absl::StrCat(where, ": "), status));
+    default:
+      return base::WithPrefix(absl::StrCat(where, ": "), status);
+  }
+}
+
 struct OpenSource {
-  std::string name;
+  SourceNames names;
   std::int64_t number = 0;
   bool is_local = true;
   // Bytes that are decoded, over those of the samples that are read.
@@ -101,9 +158,19 @@ class Sources {
 
   absl::StatusOr<std::shared_ptr<const OpenSource>> Open(const store::Manifest& manifest)
       ABSL_LOCKS_EXCLUDED(mutex_);
+  // Opens a source once more, unless somebody did since source `number` was opened.
+  absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAgain(const store::Manifest& manifest,
+                                                              std::int64_t number)
+      ABSL_LOCKS_EXCLUDED(mutex_);
   [[nodiscard]] UnitCache& units() { return units_; }
 
  private:
+  // Returns an open source; null if it is not open.
+  [[nodiscard]] std::shared_ptr<const OpenSource> Find(const std::string& key) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAs(const std::string& key,
+                                                           const store::Manifest& manifest)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::StatusOr<std::shared_ptr<const OpenSource>> OpenNow(const store::Manifest& manifest)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The only volume of a source.
@@ -128,17 +195,45 @@ class Sources {
   std::int64_t next_number_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
-absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Manifest& manifest) {
+// Of the source of a dataset.
+std::string KeyOfSource(const store::Manifest& manifest) {
   std::string key = manifest.dataset_id;
   for (const auto& [name, text] : manifest.in_source->request) {
     absl::StrAppend(&key, name, "\n", text.size(), "\n", text);
   }
+  return key;
+}
+
+absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Manifest& manifest) {
+  const std::string key = KeyOfSource(manifest);
   const base::MutexLock lock(&mutex_);
-  if (const auto found = open_.find(key); found != open_.end()) {
-    if (std::shared_ptr<const OpenSource> source = found->second.lock(); source != nullptr) {
-      return source;
-    }
+  std::shared_ptr<const OpenSource> source = Find(key);
+  return source != nullptr ? source : OpenAs(key, manifest);
+}
+
+absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenAgain(
+    const store::Manifest& manifest, std::int64_t number) {
+  const std::string key = KeyOfSource(manifest);
+  const base::MutexLock lock(&mutex_);
+  if (std::shared_ptr<const OpenSource> source = Find(key);
+      source != nullptr && source->number != number) {
+    return source;
   }
+  const std::string path = PathOf(manifest.in_source->request.at("path"));
+  if (IsAddress(path)) {
+    source::ForgetAddress(path);
+  }
+  series_.clear();  // they keep what they have read of a header
+  return OpenAs(key, manifest);
+}
+
+std::shared_ptr<const OpenSource> Sources::Find(const std::string& key) const {
+  const auto found = open_.find(key);
+  return found == open_.end() ? nullptr : found->second.lock();
+}
+
+absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenAs(const std::string& key,
+                                                                  const store::Manifest& manifest) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const OpenSource> source, OpenNow(manifest));
   // A series has many volumes, of which few are open.
   std::erase_if(open_, [](const auto& entry) { return entry.second.expired(); });
@@ -177,12 +272,12 @@ absl::Status Sources::CheckAllowed(const std::string& path, absl::string_view wh
       return absl::OkStatus();
     }
   }
-  return absl::PermissionDeniedError(
+  return Unreadable(absl::PermissionDeniedError(
       absl::StrCat(where, ": its samples are in ", path,
                    IsAddress(path) ? "" : absl::StrCat(" (", resolved, ")"),
                    ", which this program may not read: if you trust the dataset, allow it with "
                    "ISOSCOPE_ALLOW_SOURCE=",
-                   path, " (of isoscope-agent also --allow-source)"));
+                   path, " (of isoscope-agent also --allow-source)")));
 }
 
 absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
@@ -190,21 +285,10 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
   const std::string where = absl::StrCat("index-only dataset ", manifest.name);
   ISOSCOPE_ASSIGN_OR_RETURN(source::OpenRequest request,
                             DecodeSourceRequest(manifest.in_source->request, where));
-  const std::string recorded = request.path;
-  request.path = PathOf(recorded);
+  const SourceNames names{
+      .dataset = manifest.name, .recorded = request.path, .actual = PathOf(request.path)};
+  request.path = names.actual;
   ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(request.path, where));
-  const auto explain = [&](const absl::Status& status) -> absl::Status {
-    if (absl::IsNotFound(status)) {
-      return absl::NotFoundError(
-          absl::StrCat(where, ": its samples are in ", recorded, ": ", status.message(),
-                       "; bring it back, or say where it is now: ISOSCOPE_ALLOW_SOURCE=", recorded,
-                       "=NEW (of isoscope-agent also --allow-source)"));
-    }
-    return absl::IsInvalidArgument(status)
-               ? absl::DataLossError(absl::StrCat(
-                     where, ": the source has changed: ", status.message(), "; partition it anew"))
-               : absl::Status(status.code(), absl::StrCat(where, ": ", status.message()));
-  };
   ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<SourceVolume> wanted,
                             DecodeSourceVolume(manifest.in_source->request, where));
   absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume =
@@ -212,23 +296,26 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
                          : OpenOnly(request, where);
   if (!volume.ok()) {
     const bool is_ours = absl::StartsWith(volume.status().message(), where);  // CheckAllowed
-    return is_ours ? volume.status() : explain(volume.status());
+    return is_ours ? volume.status() : Explain(names, volume.status());
   }
   const source::SourceInfo& info = (*volume)->info();
   const math::Index3& dims = info.geometry.sample_dims;
   const math::Index3& expected = manifest.geometry.sample_dims;
   if (!(dims == expected) || info.type != manifest.scalar_type ||
       !(*volume)->box_grid().has_value()) {
-    return explain(absl::InvalidArgumentError(absl::StrFormat(
-        "%s: %d x %d x %d samples of %s, expected %d x %d x %d of %s that can be read in any order",
-        request.path, dims.x, dims.y, dims.z, volume::NameOf(info.type), expected.x, expected.y,
-        expected.z, volume::NameOf(manifest.scalar_type))));
+    return Explain(
+        names,
+        absl::InvalidArgumentError(absl::StrFormat(
+            "%s: %d x %d x %d samples of %s, expected %d x %d x %d of %s that can be read in any "
+            "order",
+            request.path, dims.x, dims.y, dims.z, volume::NameOf(info.type), expected.x, expected.y,
+            expected.z, volume::NameOf(manifest.scalar_type))));
   }
   // With the samples that a stride skips.
   const auto stride = static_cast<double>(request.stride);
   const double factor =
       static_cast<double>((*volume)->decoding_factor()) * stride * stride * stride;
-  return std::make_shared<const OpenSource>(OpenSource{.name = request.path,
+  return std::make_shared<const OpenSource>(OpenSource{.names = names,
                                                        .number = next_number_++,
                                                        .is_local = !IsAddress(request.path),
                                                        .decoding_factor = factor,
@@ -283,16 +370,18 @@ absl::StatusOr<std::shared_ptr<source::VolumeSeries>> Sources::OpenSeries(
 
 class UnitReader final : public store::SampleReader {
  public:
-  UnitReader(std::shared_ptr<Sources> sources, std::shared_ptr<const OpenSource> source,
-             const volume::BlockLayout& layout, const store::SourceSamples& samples)
+  UnitReader(std::shared_ptr<Sources> sources, const std::shared_ptr<const OpenSource>& source,
+             const volume::BlockLayout& layout, const store::Manifest& manifest)
       : sources_(std::move(sources)),
-        source_(std::move(source)),
+        manifest_(manifest),
         layout_(layout),
-        samples_(samples),
-        type_(source_->volume->info().type),
-        origin_(samples.unit_origin),
-        unit_dims_(samples.unit_dims),
-        decoding_factor_(source_->decoding_factor) {
+        samples_(*manifest.in_source),
+        type_(manifest.scalar_type),
+        origin_(samples_.unit_origin),
+        unit_dims_(samples_.unit_dims),
+        name_(source->names.actual),
+        is_local_(source->is_local),
+        source_(source) {
     for (int axis = 0; axis < 3; ++axis) {
       counts_[axis] = (layout_.sample_dims()[axis] - origin_[axis] - 1) / unit_dims_[axis] + 1;
     }
@@ -312,8 +401,13 @@ class UnitReader final : public store::SampleReader {
                                       const base::Cancellation& cancellation) const override {
     return SamplesOf(unit, cancellation).status();
   }
+  [[nodiscard]] absl::Status Doubt(volume::BlockId id) const override {
+    const std::shared_ptr<const OpenSource> source = Source();
+    sources_->units().Doubt(KeyOf(*source, UnitOf(id)));
+    return OpenAgain(*source).status();
+  }
   [[nodiscard]] bool HasUnit(const math::Index3& unit) const override {
-    return sources_->units().Has(KeyOf(unit));
+    return sources_->units().Has(KeyOf(*Source(), unit));
   }
   // Half of what is kept at least: the rest is for what is in use, which must not be dropped for them.
   [[nodiscard]] std::size_t max_units_ahead() const override {
@@ -321,14 +415,45 @@ class UnitReader final : public store::SampleReader {
         static_cast<std::size_t>(math::Volume(unit_dims_)) * volume::SizeOf(type_);
     return sources_->units().least_kept_bytes() / 2 / unit_bytes;
   }
-  [[nodiscard]] const std::string& name() const override { return source_->name; }
-  [[nodiscard]] bool is_local() const override { return source_->is_local; }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] bool is_local() const override { return is_local_; }
 
  private:
   using UnitSamples = std::shared_ptr<const std::string>;
 
-  [[nodiscard]] UnitCache::Key KeyOf(const math::Index3& unit) const {
-    return {source_->number, unit.x + counts_.x * (unit.y + counts_.y * unit.z)};
+  [[nodiscard]] UnitCache::Key KeyOf(const OpenSource& source, const math::Index3& unit) const {
+    return {source.number, unit.x + counts_.x * (unit.y + counts_.y * unit.z)};
+  }
+
+  // The source as it was opened last.
+  [[nodiscard]] std::shared_ptr<const OpenSource> Source() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return source_;
+  }
+  // Opens a source once more that has given an error or other samples: it may have vanished, or be
+  // back as it was. Returns the same one, or the same error, if that was tried just before. Threads
+  // wait for the one that opens it.
+  [[nodiscard]] absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAgain(
+      const OpenSource& doubtful) const ABSL_LOCKS_EXCLUDED(reopening_, mutex_) {
+    const base::MutexLock reopening(&reopening_);
+    {
+      const base::MutexLock lock(&mutex_);
+      if (source_->number != doubtful.number) {
+        return source_;
+      }
+      if (base::MonotonicNow() - reopened_ < kReopeningPause) {
+        ISOSCOPE_RETURN_IF_ERROR(reopening_error_);
+        return source_;
+      }
+    }
+    // A task of this thread's arena could wait for the lock that it holds.
+    absl::StatusOr<std::shared_ptr<const OpenSource>> source = tbb::this_task_arena::isolate(
+        [&] { return sources_->OpenAgain(manifest_, doubtful.number); });
+    const base::MutexLock lock(&mutex_);
+    reopened_ = base::MonotonicNow();
+    reopening_error_ = source.status();
+    source_ = source.ok() ? *source : source_;
+    return source;
   }
   // The samples of a unit that lie in the volume.
   [[nodiscard]] math::IndexBox BoxOf(const math::Index3& unit) const {
@@ -343,13 +468,34 @@ class UnitReader final : public store::SampleReader {
 
   absl::StatusOr<UnitSamples> SamplesOf(const math::Index3& unit,
                                         const base::Cancellation& cancellation) const {
+    const std::shared_ptr<const OpenSource> source = Source();
+    absl::StatusOr<UnitSamples> samples = SamplesFrom(*source, unit, cancellation);
+    if (!absl::IsDataLoss(samples.status())) {
+      return samples;
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const OpenSource> again, OpenAgain(*source));
+    return again->number == source->number ? samples : SamplesFrom(*again, unit, cancellation);
+  }
+  [[nodiscard]] absl::StatusOr<UnitSamples> SamplesFrom(
+      const OpenSource& source, const math::Index3& unit,
+      const base::Cancellation& cancellation) const {
     const math::IndexBox box = BoxOf(unit);
     const auto size = static_cast<std::size_t>(math::Volume(box.dims())) * volume::SizeOf(type_);
-    const double decoded = static_cast<double>(size) * decoding_factor_;
+    const double decoded = static_cast<double>(size) * source.decoding_factor;
     return sources_->units().Get(
-        KeyOf(unit), size,
+        KeyOf(source, unit), size,
         static_cast<std::size_t>(std::min(decoded, static_cast<double>(kMostBytes))), cancellation,
-        [&](char* bytes) { return source_->volume->ReadBox(box, bytes, cancellation); });
+        [&](char* bytes) { return ReadBox(source, box, bytes, cancellation); });
+  }
+  // The source may have vanished since it was opened, or be another one.
+  [[nodiscard]] static absl::Status ReadBox(const OpenSource& source, const math::IndexBox& box,
+                                            char* bytes, const base::Cancellation& cancellation) {
+    const absl::Status status = source.volume->ReadBox(box, bytes, cancellation);
+    if (status.ok() || absl::IsCancelled(status) || absl::IsDeadlineExceeded(status) ||
+        absl::IsResourceExhausted(status)) {
+      return status;
+    }
+    return Explain(source.names, status);
   }
 
   // Copies what a unit has of a block's stored samples.
@@ -377,14 +523,23 @@ class UnitReader final : public store::SampleReader {
   }
 
   const std::shared_ptr<Sources> sources_;
-  const std::shared_ptr<const OpenSource> source_;
+  const store::Manifest manifest_;
   const volume::BlockLayout layout_;
   const store::SourceSamples samples_;
   const volume::ScalarType type_;
   const math::Index3 origin_;
   const math::Index3 unit_dims_;
-  const double decoding_factor_;
+  const std::string name_;
+  const bool is_local_;
   math::Index3 counts_;  // of units
+
+  mutable base::Mutex reopening_;  // held while the source is opened again
+  mutable base::Mutex mutex_;
+  mutable std::shared_ptr<const OpenSource> source_ ABSL_GUARDED_BY(mutex_);
+  // Of the last OpenAgain:
+  mutable base::MonotonicTime reopened_ ABSL_GUARDED_BY(mutex_) =
+      base::MonotonicTime::InfinitePast();
+  mutable absl::Status reopening_error_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace
@@ -426,8 +581,7 @@ store::OpenSamples MakeSampleOpener(const SourceAccess& access) {
         const volume::BlockLayout layout,
         volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells));
     ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const OpenSource> source, sources->Open(manifest));
-    return std::make_shared<const UnitReader>(sources, std::move(source), layout,
-                                              *manifest.in_source);
+    return std::make_shared<const UnitReader>(sources, source, layout, manifest);
   };
 }
 

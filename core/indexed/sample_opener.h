@@ -46,11 +46,17 @@ inline constexpr std::size_t kDefaultSourceBytes = static_cast<std::size_t>(256 
 // block's first own sample.
 //
 //   NOT_FOUND            nothing is there
-//   PERMISSION_DENIED    the access does not allow one of the source's files, links resolved
+//   PERMISSION_DENIED    the access does not allow one of the source's files, links resolved, or
+//                        the system or a server does not
+//   UNAUTHENTICATED      a server wants credentials
+//   UNAVAILABLE          a server does not answer
+//   FAILED_PRECONDITION  a server does what can't be read from, such as to ignore ranges
 //   DATA_LOSS            it can't be opened as it was, or has other dimensions or another type
 //   FAILED_PRECONDITION  the manifest asks for what this program does not know
 //
-// Readers: errors of VolumeSource::ReadBox, RESOURCE_EXHAUSTED of UnitCache::Get.
+// Readers give the same errors, since a source may vanish or change while it is open, and
+// RESOURCE_EXHAUSTED of UnitCache::Get. The first five have ErrorReason::kSourceUnreadable: a source
+// that is back as it was is read again.
 store::OpenSamples MakeSampleOpener(const SourceAccess& access);
 
 }  // namespace isoscope::indexed

@@ -108,17 +108,32 @@ std::shared_ptr<const std::string> UnitCache::Find(const Key& key) {
   if (found == places_.end()) {
     return nullptr;
   }
-  entries_.splice(entries_.begin(), entries_, found->second);
-  return found->second->unit;
+  const std::list<Entry>::iterator entry = found->second;
+  if (entry->is_doubtful && base::MonotonicNow() - entry->made >= kDoubtfulLife) {
+    Drop(entry);
+    return nullptr;
+  }
+  entries_.splice(entries_.begin(), entries_, entry);
+  return entry->unit;
 }
 
 void UnitCache::MakeRoom(std::size_t bytes) {
   const std::size_t max_bytes = max_bytes_ - making_.reserved_bytes();
   while (kept_bytes_ + bytes > max_bytes && !entries_.empty()) {
-    const auto last = std::prev(entries_.end());
-    kept_bytes_ -= last->unit->size();
-    places_.erase(last->key);
-    entries_.erase(last);
+    Drop(std::prev(entries_.end()));
+  }
+}
+
+void UnitCache::Drop(std::list<Entry>::iterator entry) {
+  kept_bytes_ -= entry->unit->size();
+  places_.erase(entry->key);
+  entries_.erase(entry);
+}
+
+void UnitCache::Doubt(const Key& key) {
+  const base::MutexLock lock(&mutex_);
+  if (const auto found = places_.find(key); found != places_.end()) {
+    found->second->is_doubtful = true;
   }
 }
 
@@ -128,7 +143,7 @@ void UnitCache::Keep(const Key& key, const std::shared_ptr<const std::string>& u
   }
   MakeRoom(unit->size());
   std::list<Entry> added;
-  added.push_front({key, unit});
+  added.push_front({.key = key, .unit = unit, .made = base::MonotonicNow()});
   places_.emplace(key, added.begin());
   entries_.splice(entries_.begin(), added);
   kept_bytes_ += unit->size();

@@ -17,9 +17,11 @@
 #include "absl/hash/hash.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::indexed {
@@ -45,6 +47,11 @@ class UnitCache {
       const base::Cancellation& cancellation, absl::FunctionRef<absl::Status(char* out)> make)
       ABSL_LOCKS_EXCLUDED(mutex_);
 
+  // A unit that is kept may have other samples by now: it is made again if it is wanted kDoubtfulLife
+  // after it was made. Not before, because each of its blocks may say so.
+  static constexpr absl::Duration kDoubtfulLife = absl::Seconds(1);
+  void Doubt(const Key& key) ABSL_LOCKS_EXCLUDED(mutex_);
+
   // Whether a unit is kept, or in the making.
   [[nodiscard]] bool Has(const Key& key) const ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -58,6 +65,8 @@ class UnitCache {
   struct Entry {
     Key key;
     std::shared_ptr<const std::string> unit;
+    base::MonotonicTime made;
+    bool is_doubtful = false;
   };
 
   // A unit that a thread makes, and others wait for.
@@ -75,6 +84,7 @@ class UnitCache {
       ABSL_LOCKS_EXCLUDED(mutex_);
   // Drops units until there is room for `bytes` more.
   void MakeRoom(std::size_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Drop(std::list<Entry>::iterator entry) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Keep(const Key& key, const std::shared_ptr<const std::string>& unit)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 

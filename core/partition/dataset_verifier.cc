@@ -29,6 +29,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/types/span.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/status_macros.h"
 #include "core/index/interval_tree.h"
 #include "core/io/file.h"
@@ -103,6 +104,12 @@ class Verifier {
       Damage(status.message());
     }
     return !status.ok();
+  }
+  // Returns the error of a source that can't be read, which is no damage; else OK.
+  static absl::Status OfUnreadableSource(const absl::Status& status) {
+    return !status.ok() && base::ReasonOf(status) == base::ErrorReason::kSourceUnreadable
+               ? status
+               : absl::OkStatus();
   }
   void Advance(std::int64_t bytes) {
     done_bytes_ += bytes;
@@ -252,6 +259,7 @@ class Verifier {
     const std::int64_t end = done_bytes_ + io::BytesBelow(directory);
     absl::StatusOr<std::unique_ptr<store::ShardReader>> reader =
         store::ShardReader::Open(directory, io::OpenRandomAccessFile, options_.open_samples);
+    ISOSCOPE_RETURN_IF_ERROR(OfUnreadableSource(reader.status()));
     std::unique_ptr<store::ShardReader> opened;
     if (!IsDamaged(reader.status())) {
       opened = *std::move(reader);
@@ -300,7 +308,9 @@ class Verifier {
         for (std::size_t i = run.first; i < run.first + run.count; ++i) {
           const absl::Span<const std::uint32_t> one = absl::MakeConstSpan(ordinals).subspan(i, 1);
           for (const store::ShardReader::DiskRun& block : reader.PlanDiskRuns(one)) {
-            IsDamaged(reader.ReadDiskRun(block, one, buffer.data(), accept));
+            const absl::Status status = reader.ReadDiskRun(block, one, buffer.data(), accept);
+            ISOSCOPE_RETURN_IF_ERROR(OfUnreadableSource(status));
+            IsDamaged(status);
           }
         }
       }

@@ -40,7 +40,8 @@ struct VerifyReport {
 //
 // Memory: one disk run and 28 bytes a block of one shard of one volume.
 //
-// NOT_FOUND: no dataset. FAILED_PRECONDITION: a newer format version. CANCELLED.
+// NOT_FOUND: no dataset. FAILED_PRECONDITION: a newer format version. CANCELLED. A source that can't be
+// read is no damage: its error, with ErrorReason::kSourceUnreadable.
 absl::StatusOr<VerifyReport> VerifyDataset(const std::string& directory,
                                            const VerifyOptions& options,
                                            const base::Cancellation& cancellation);

@@ -54,6 +54,10 @@ class SampleReader {
   // ReadBlock.
   [[nodiscard]] virtual absl::Status ReadUnit(const math::Index3& unit,
                                               const base::Cancellation& cancellation) const = 0;
+  // Tells that a block which was read has another checksum than it had. Its unit and its source are not
+  // kept, because the source may be back as it was later. Returns why there is no source to compare
+  // any more, which says more than the checksum; OK if there is one.
+  [[nodiscard]] virtual absl::Status Doubt(volume::BlockId id) const = 0;
   // Whether a unit is in memory, or being read.
   [[nodiscard]] virtual bool HasUnit(const math::Index3& unit) const = 0;
   // The number of units that may be read before they are used.

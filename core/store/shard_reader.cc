@@ -35,6 +35,7 @@
 
 #include "core/base/check.h"
 #include "core/base/crc32c.h"
+#include "core/base/error_reason.h"
 #include "core/base/status_macros.h"
 #include "core/store/block_codec.h"
 #include "core/store/block_overhang.h"
@@ -366,9 +367,8 @@ absl::Status ShardReader::ReadSourceBlock(std::uint32_t ordinal,
     return absl::OkStatus();
   }
   const auto in_block = [&](const absl::Status& status) {
-    return absl::Status(
-        status.code(), absl::StrCat("block ", entry.block_id, " of ", overhangs_file_->path(), ": ",
-                                    status.message()));
+    return base::WithPrefix(
+        absl::StrCat("block ", entry.block_id, " of ", overhangs_file_->path(), ": "), status);
   };
   if (absl::Status status = samples_->ReadBlock(entry.block_id, cancellation, out); !status.ok()) {
     return in_block(status);
@@ -379,12 +379,16 @@ absl::Status ShardReader::ReadSourceBlock(std::uint32_t ordinal,
     return in_block(expected.status());
   }
   const std::uint32_t computed = base::ExtendCrc32c(0, out, entry.size);
-  return computed == *expected
-             ? absl::OkStatus()
-             : in_block(absl::DataLossError(absl::StrFormat(
-                   "its samples in %s are not those that were partitioned (crc32c 0x%08x, now "
-                   "0x%08x): the source has changed; partition it anew",
-                   source_name(), *expected, computed)));
+  if (computed != *expected) {
+    if (const absl::Status status = samples_->Doubt(entry.block_id); !status.ok()) {
+      return in_block(status);
+    }
+    return in_block(absl::DataLossError(absl::StrFormat(
+        "its samples in %s are not those that were partitioned (crc32c 0x%08x, now 0x%08x): the "
+        "source has changed; bring it back as it was, or partition it anew",
+        source_name(), *expected, computed)));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status ShardReader::CheckStored(const Entry& entry, absl::string_view stored,
@@ -527,7 +531,7 @@ absl::Status ShardReader::VisitDiskRun(
     const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
   ISOSCOPE_CHECK_LE(run.first + run.count, ordinals.size());
   if (!read_status.ok()) {
-    return {read_status.code(), absl::StrCat(Where(), ": ", read_status.message())};
+    return base::WithPrefix(absl::StrCat(Where(), ": "), read_status);
   }
   BlockBuffers buffers;
   for (const std::uint32_t ordinal : ordinals.subspan(run.first, run.count)) {

@@ -23,6 +23,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
@@ -334,8 +335,7 @@ absl::StatusOr<std::shared_ptr<const Shard>> SeriesShard::ReadVolume(
       OpenShard(directory, wanted.number, io::OpenRandomAccessFile, open_samples_);
   if (!opened.ok() && is_index_only() && !absl::StrContains(opened.status().message(), directory)) {
     // The source is a part of the shard: whoever is told knows whose error it is.
-    return absl::Status(opened.status().code(),
-                        absl::StrCat(directory, ": ", opened.status().message()));
+    return base::WithPrefix(absl::StrCat(directory, ": "), opened.status());
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> shard, std::move(opened));
   if (shard->reader->manifest_crc32c() != volume.manifest_crc32c ||

@@ -1,9 +1,9 @@
 #include "server/cluster/agent_failure.h"
 
-#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/string_view.h"
+
+#include "core/base/error_reason.h"
 
 namespace isoscope::server {
 
@@ -33,14 +33,13 @@ const char* NameOf(PartStage stage) {
   return "";
 }
 
+bool AgentFailure::IsLost() const {
+  return absl::IsUnavailable(status) &&
+         base::ReasonOf(status) != base::ErrorReason::kSourceUnreadable;
+}
+
 absl::Status AgentFailure::ToStatus() const {
-  absl::Status named(status.code(),
-                     absl::StrCat(NameOf(agent), absl::IsUnavailable(status) ? " was lost: " : ": ",
-                                  status.message()));
-  // The agent's reason and retry delay.
-  status.ForEachPayload(
-      [&](absl::string_view url, const absl::Cord& payload) { named.SetPayload(url, payload); });
-  return named;
+  return base::WithPrefix(absl::StrCat(NameOf(agent), IsLost() ? " was lost: " : ": "), status);
 }
 
 }  // namespace isoscope::server

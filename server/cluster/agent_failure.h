@@ -42,10 +42,12 @@ struct AgentFailure {
   std::size_t part_index = 0;  // among the frame's parts
   AgentIdentity agent;
   PartStage stage = PartStage::kSelectingOccluders;
-  // UNAVAILABLE: the agent or the way to it was lost. DEADLINE_EXCEEDED: it had not answered.
+  // UNAVAILABLE: the agent, the way to it, or that to a source was lost. DEADLINE_EXCEEDED: it had not answered.
   // DATA_LOSS: it sent or read damaged bytes. Otherwise its own error. Does not name the agent.
   absl::Status status;
 
+  // UNAVAILABLE, but for that of a source that the agent asked.
+  [[nodiscard]] bool IsLost() const;
   // Returns the status for clients, which names agent and shards.
   [[nodiscard]] absl::Status ToStatus() const;
 };

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/retry_delay.h"
 #include "rpc/grpc_time.h"
@@ -24,9 +25,16 @@ absl::Status WithCode(absl::StatusCode code, absl::string_view prefix, const abs
   return changed;
 }
 
+bool IsOfSource(const absl::Status& status) {
+  return !status.ok() && base::ReasonOf(status) == base::ErrorReason::kSourceUnreadable;
+}
+
 }  // namespace
 
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
+  if (IsOfSource(status)) {
+    return status;
+  }
   switch (status.code()) {
     case absl::StatusCode::kCancelled:
       return was_cancelled_by_us ? status : absl::UnavailableError(status.message());
@@ -54,6 +62,11 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
     default:
       return status;
   }
+}
+
+bool LacksParts(const absl::Status& status) {
+  return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
+         absl::IsDataLoss(status) || IsOfSource(status);
 }
 
 void SetDeadline(base::MonotonicTime deadline, grpc::ClientContext* context) {

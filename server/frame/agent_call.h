@@ -19,7 +19,14 @@ namespace isoscope::server {
 //   agent does not know.
 // - INVALID_ARGUMENT (the coordinator's message was wrong), OUT_OF_RANGE, ALREADY_EXISTS, ABORTED
 //   and UNKNOWN become INTERNAL.
+//
+// Of a source that the agent can't read (ErrorReason::kSourceUnreadable) all codes stay.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
+
+// Returns true if only the shards of the agent are missing in a picture that may lack some: the agent
+// is gone, its shards are damaged, or it can't read their source. Other errors would occur in the
+// other parts too. `status` is of CallStatus, or OK.
+bool LacksParts(const absl::Status& status);
 
 // The call ends by itself then; base::MonotonicTime::InfiniteFuture(): never.
 void SetDeadline(base::MonotonicTime deadline, grpc::ClientContext* context);

@@ -23,6 +23,7 @@
 #include "core/picture/sample_window.h"
 #include "core/picture/visible_values.h"
 #include "server/cluster/replica_board.h"
+#include "server/frame/agent_call.h"
 #include "server/frame/agent_queries.h"
 #include "server/frame/sample_counts.h"
 #include "wire/color_range_convert.h"
@@ -57,19 +58,13 @@ absl::StatusOr<std::shared_ptr<const SampleCounts>> FindSampleCounts(const Frame
   return std::shared_ptr<const SampleCounts>(std::move(counts));
 }
 
-// Whether a picture that may be partial would only lack the shards of the agent that failed so.
-bool IsOfLostAgent(const absl::Status& status) {
-  return absl::IsUnavailable(status) || absl::IsDataLoss(status) ||
-         absl::IsFailedPrecondition(status);
-}
-
 // The range between the percentiles of caps; none if there are no counts, or if both are one value.
 absl::StatusOr<std::optional<frame::ColorRange>> RangeOfPercentiles(const FrameToRange& frame,
                                                                     const AskedFrame& asked) {
   const frame::FrameSpec& spec = asked.spec;
   const absl::StatusOr<std::shared_ptr<const SampleCounts>> found = FindSampleCounts(frame);
   std::optional<frame::ColorRange> range;
-  if (asked.allow_partial && IsOfLostAgent(found.status())) {
+  if (asked.allow_partial && LacksParts(found.status())) {
     return range;
   }
   ISOSCOPE_RETURN_IF_ERROR(found.status());

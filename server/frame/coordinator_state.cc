@@ -49,7 +49,7 @@ void CoordinatorState::ReportFailures(const base::TraceContext& request, std::in
                       {"shards", base::OwnText{absl::StrJoin(failure.agent.shard_indices, ",")}},
                       {"stage", NameOf(failure.stage)},
                       {"status", failure.status}});
-    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
+    if (failure.IsLost() || absl::IsFailedPrecondition(failure.status)) {
       registry->ReportFailure(failure.agent.address);
     }
   }

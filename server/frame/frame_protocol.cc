@@ -10,6 +10,7 @@
 #include "absl/strings/str_join.h"
 
 #include "core/base/monotonic_time.h"
+#include "server/frame/agent_call.h"
 
 namespace isoscope::server {
 namespace {
@@ -24,13 +25,6 @@ constexpr int kDeadlineShare = 4;
 // Returns true if another agent might succeed. The frame's own end is no failure of an agent.
 bool IsRepeatable(const absl::Status& status) {
   return !absl::IsCancelled(status) && !absl::IsDeadlineExceeded(status);
-}
-
-// Returns true if a picture without the part may be wanted: its agents are gone, or its shards are
-// damaged. Other errors would occur in the other parts too.
-bool IsLoss(const absl::Status& status) {
-  return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
-         absl::IsDataLoss(status);
 }
 
 struct WordRule {
@@ -190,7 +184,7 @@ absl::StatusOr<Commands> FrameProtocol::Fail(AttemptId id, const absl::Status& s
     commands.push_back(TryNextReplica(id.part));
     return commands;
   }
-  if (IsLoss(status)) {
+  if (LacksParts(status)) {
     lost_part_ = id.part;
   }
   return OfLastAgent(report_.failures.back().ToStatus(), part.attempts.size());
@@ -323,7 +317,7 @@ std::vector<std::size_t> FrameProtocol::LostParts(absl::Span<const AgentEvent> l
   for (const AgentEvent& event : late) {
     Attempt& attempt = AttemptOf(event.from);
     if (event.word == AgentWord::kEnd && attempt.is_live && attempt.stage != PartStage::kDone &&
-        IsLoss(event.status)) {
+        LacksParts(event.status)) {
       attempt.is_live = false;
       NoteFailure(event.from, attempt.stage, event.status);
     }

@@ -30,6 +30,7 @@
 #include "core/volume/patient_frame.h"
 #include "core/volume/volume_level.h"
 #include "server/cluster/served_levels.h"
+#include "server/frame/agent_call.h"
 #include "server/frame/agent_client.h"
 #include "server/frame/agent_queries.h"
 #include "wire/frame_convert.h"
@@ -257,8 +258,7 @@ absl::StatusOr<CellBoxCache::CellBox> FrameRunner::FindCellBox(const FrameIdenti
       AskCellBox(query, layout, rules, clip, *identity.request, *identity.cancellation);
   state_.ReportQuery(*identity.request, outcome.report);
   const absl::Status& status = outcome.result.status();
-  if (asked.allow_partial && (absl::IsUnavailable(status) || absl::IsDataLoss(status) ||
-                              absl::IsFailedPrecondition(status))) {
+  if (asked.allow_partial && LacksParts(status)) {
     return std::nullopt;  // the picture will lack the shards of that agent
   }
   // Without some shards the box is that of the others.

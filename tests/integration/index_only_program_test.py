@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import unittest
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
@@ -144,6 +145,11 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertEqual(drawn.returncode, 1)
     self.assertIn(self.volume, drawn.stderr)
     self.assertIn('bring it back', drawn.stderr)
+    verified = isoscope('verify', dataset, check=False)  # no damage of the dataset
+    self.assertEqual(verified.returncode, 1)
+    self.assertIn('NOT_FOUND', verified.stderr)
+    self.assertIn('bring it back', verified.stderr)
+    self.assertNotIn('damage', verified.stdout + verified.stderr)
 
   def test_levels_can_be_added(self):
     whole = self.partition('a', '--levels', '1', '--index-only')
@@ -295,6 +301,62 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertEqual(done.returncode, 1)
     self.assertIn('the source has changed', done.stderr)
     self.assertNotIn(moved, done.stderr)
+
+  # What vanishes under a running agent is told as at its start, and read again once it is back.
+  def test_a_source_that_vanishes_under_an_agent(self):
+    dataset = self.partition('b', '--index-only')
+    expected = self.picture(dataset)
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+
+    def frame():
+      return isoscope('render', '--server', coordinator.address, '--output', self.path('served.png'), *VIEW[:2],
+                      '--width', '96', '--height', '72', '--no-metadata', '--quiet', check=False)
+
+    os.rename(self.path('data'), self.path('elsewhere'))
+    gone = frame()
+    self.assertEqual(gone.returncode, 1)
+    for words in ('NOT_FOUND', 'its samples are in v.nrrd', 'No such file', 'bring it back', '--allow-source'):
+      self.assertIn(words, gone.stderr)
+    self.assertNotIn(self.folder, gone.stderr)
+    os.rename(self.path('elsewhere'), self.path('data'))
+    done = frame()
+    self.assertEqual(done.returncode, 0, done.stderr)
+    self.assertEqual(read(self.path('served.png')), expected)
+    self.assertIn('source_unreadable', ''.join(agent.lines))
+    self.assertNotIn('shard_damaged', ''.join(agent.lines))
+
+  # Symptom: a chunk that was wrong once stayed in memory.
+  def test_a_source_that_is_back_as_it_was_is_read_again(self):
+    store = self.path('data', 'v.zarr')
+    write_zarr(store)
+    dataset = self.path('d')
+    isoscope('partition', store, '--index-only', '--output', dataset, *CUT)
+    expected = self.picture(dataset)
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
+    self.addCleanup(agent.stop)
+    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    self.addCleanup(coordinator.stop)
+
+    def frame():
+      return isoscope('render', '--server', coordinator.address, '--output', self.path('served.png'), *VIEW[:2],
+                      '--width', '96', '--height', '72', '--no-metadata', '--quiet', check=False)
+
+    chunk = os.path.join(store, '1.1.1')
+    samples = read(chunk)
+    with open(chunk, 'wb') as file:
+      file.write(bytes(255 - sample for sample in samples))
+    changed = frame()
+    self.assertIn('DATA_LOSS', changed.stderr)
+    self.assertIn('partition it anew', changed.stderr)
+    with open(chunk, 'wb') as file:
+      file.write(samples)
+    end = time.monotonic() + PATIENCE_S
+    while frame().returncode != 0 and time.monotonic() < end:
+      time.sleep(0.2)
+    self.assertEqual(read(self.path('served.png')), expected)
 
   def test_addresses_are_read_where_they_are_allowed_and_agents_follow_nobody(self):
     store = self.path('data', 'v.zarr')

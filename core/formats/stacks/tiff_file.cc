@@ -478,6 +478,9 @@ absl::StatusOr<TiffPages> ScanTiffPages(TIFF* tiff, const std::string& path) {
       break;
     }
     if (TIFFReadDirectory(tiff) == 0) {
+      if (!FarError().ok()) {
+        return std::exchange(FarError(), absl::OkStatus());
+      }
       return absl::DataLossError(
           absl::StrFormat("%s: page %d can't be read: %s: the file is cut or damaged", path,
                           pages.offsets.size() + 1, TakeMessage()));

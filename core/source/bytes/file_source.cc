@@ -248,7 +248,9 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
     if (offset() > file_size || file_size - offset() < bytes_per_file_) {
       const math::Index3& dims = geometry.sample_dims;
       return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d x %d x %d samples of %s%s%s after %d header bytes need %d bytes, the file has %d",
+          "%s: %d x %d x %d samples of %s%s%s after %d header bytes need %d bytes, the file has "
+          "%d: "
+          "it is cut, or its sizes are others",
           file_->path(), dims.x, dims.y, dims.z, volume::NameOf(location_.stored_type),
           location_.volume_count * location_.components == 1
               ? ""

@@ -319,8 +319,9 @@ absl::StatusOr<CfRoles> CfRolesFrom(absl::string_view letters, const std::vector
 
 std::string DescribeCfAxes(const std::vector<CfAxis>& axes) {
   return absl::StrJoin(axes, ", ", [](std::string* out, const CfAxis& axis) {
-    absl::StrAppendFormat(out, "%s (%c, %d)", base::Printable(axis.name), CfLetterOf(axis),
-                          axis.size);
+    absl::StrAppendFormat(out, "%s (%c, %d)",
+                          axis.name.empty() ? "unnamed" : base::Printable(axis.name),
+                          CfLetterOf(axis), axis.size);
   });
 }
 

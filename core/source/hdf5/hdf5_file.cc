@@ -47,6 +47,10 @@ absl::Status Hdf5OpenError(const std::string& path, const std::string& said) {
     return absl::DataLossError(absl::StrCat(path, ": can't be opened as HDF5: ", said,
                                             ": it is cut; copy or download it again"));
   }
+  if (absl::Status rights = io::OpenRandomAccessFile(path).status();
+      absl::IsPermissionDenied(rights)) {
+    return rights;
+  }
   if (const auto content = DescribeContent(path); content.has_value()) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": ", *content));
   }

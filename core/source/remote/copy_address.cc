@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -277,10 +279,13 @@ absl::Status FinishCopy(const CopyParts& names) {
   return absl::OkStatus();
 }
 
-// The error of a copy that made nothing leaves nothing.
-absl::Status EndCopy(const CopyParts& names, const absl::Status& status) {
+// The error of a copy that made nothing leaves nothing. new_folder: one that was made for it, or ""
+absl::Status EndCopy(const CopyParts& names, const std::string& new_folder,
+                     const absl::Status& status) {
   if (!status.ok() && !io::PathExists(names.part)) {
     io::RemoveRecursively(names.lock).IgnoreError();  // an empty file; the copy's error counts
+    std::error_code ignored;                          // a folder that is not empty stays
+    std::filesystem::remove(new_folder, ignored);
   }
   return status;
 }
@@ -305,8 +310,10 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
   if (!source.ok() && !without_ranges.has_value()) {
     return source.status();
   }
+  std::string new_folder;
   if (!io::PathExists(folder)) {
     ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(folder));
+    new_folder = folder;
   }
   const CopyParts names{.path = report.path};
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::FileLock> lock,
@@ -314,7 +321,7 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
   if (without_ranges.has_value()) {
     const auto whole = CopyWhole(client, address, *without_ranges, names.part, hooks, cancellation);
     if (!whole.ok()) {
-      return EndCopy(names, whole.status());
+      return EndCopy(names, new_folder, whole.status());
     }
     if (whole->is_folder) {
       for (const std::string& path : {names.part, names.lock}) {
@@ -351,7 +358,8 @@ absl::StatusOr<std::optional<CopyReport>> CopyObject(RemoteClient* client, const
   }
   if (record.done < record.size || record.size == 0) {
     ISOSCOPE_RETURN_IF_ERROR(
-        EndCopy(names, CopyRest(**source, names.part, names.record, &record, hooks, cancellation)));
+        EndCopy(names, new_folder,
+                CopyRest(**source, names.part, names.record, &record, hooks, cancellation)));
   }
   ISOSCOPE_RETURN_IF_ERROR(FinishCopy(names));
   return report;
@@ -389,7 +397,12 @@ absl::StatusOr<CopyReport> CopyAddress(absl::string_view address, const std::str
   if (!objects.ok()) {
     const bool is_told = object_error.ok() || absl::IsCancelled(objects.status()) ||
                          absl::IsInvalidArgument(objects.status());  // a list, but a bad one
-    return is_told ? objects.status() : object_error;
+    const absl::Status error = is_told ? objects.status() : object_error;
+    return absl::IsNotFound(error) && !parsed.is_s3
+               ? absl::NotFoundError(
+                     absl::StrCat(error.message(),
+                                  "; a folder is copied if the server has a page that lists it"))
+               : error;
   }
   const auto copy_large = [&](const Address& object,
                               const std::string& below) -> absl::StatusOr<CopyReport> {

@@ -373,9 +373,12 @@ class Fetching : public TransferSink {
                                      : ""));
       case 404:
       case 410:
-        return Fail(
-            absl::StatusCode::kNotFound,
-            absl::StrCat("there is no such object: the server answers ", status, ErrorCode()));
+        return Fail(absl::StatusCode::kNotFound,
+                    absl::StrCat(job_->expected == nullptr
+                                     ? "there is no such object: the server answers "
+                                     : "the object has vanished since it was opened: the server "
+                                       "answers ",
+                                 status, ErrorCode(), "; compare the address"));
       case 412:
         if (!omits_if_match_ && job_->expected != nullptr &&
             job_->expected->etag == head_.Header("etag")) {
@@ -425,8 +428,9 @@ class Fetching : public TransferSink {
     const auto next = ResolveLocation(url_, location);
     if (!next.ok() || next->is_s3) {
       return Fail(absl::StatusCode::kFailedPrecondition,
-                  absl::StrCat("the server redirects to what is no address of a server: ",
-                               next.ok() ? "s3://" : next.status().message()));
+                  absl::StrCat("the server redirects to ",
+                               base::Quoted(base::CutText(RedactAddress(location))),
+                               ", which is not followed; expected an address of http or https"));
     }
     const std::string origin = OriginOf(*next);
     if (url_.is_https && !next->is_https) {
@@ -473,8 +477,9 @@ class Fetching : public TransferSink {
           Name(), ": ", reason, " and asks to wait ", absl::FormatDuration(*retry_after),
           ", more than ", absl::FormatDuration(rules.max_retry_after)));
     } else if (failures_ >= rules.max_attempts) {
-      status = absl::UnavailableError(
-          absl::StrCat(Name(), ": ", reason, ", at the last of ", failures_, " attempts"));
+      status = absl::UnavailableError(absl::StrCat(
+          Name(), ": ", reason, ", at the last of ", failures_, " attempts; try again later",
+          head_.status > 0 ? "" : ", or compare address, network and proxy"));
     }
     if (!status.ok()) {
       return FinishWith(
@@ -516,13 +521,17 @@ class Fetching : public TransferSink {
   [[nodiscard]] std::string CredentialsHint() const {
     switch (credentials_) {
       case Credentials::kNone:
-        return "; the request had no credentials";
+        return job_->address.is_s3
+                   ? "; the request had no credentials: set AWS_ACCESS_KEY_ID and "
+                     "AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
+                   : "; the request had no credentials: set ISOSCOPE_BEARER_TOKEN and "
+                     "ISOSCOPE_BEARER_TOKEN_ORIGIN, or write the host to ~/.netrc";
       case Credentials::kSignature:
-        return "; the request was signed with AWS credentials";
+        return "; the request was signed with AWS credentials: others may be needed";
       case Credentials::kToken:
-        return "; the request had the token of ISOSCOPE_BEARER_TOKEN";
+        return "; the request had the token of ISOSCOPE_BEARER_TOKEN: another may be needed";
       case Credentials::kPassword:
-        return "; the request had the password of the netrc file";
+        return "; the request had the password of the netrc file: another may be needed";
     }
     return "";
   }

@@ -34,6 +34,12 @@ std::string HostHeader(const Address& url) {
   return origin.substr(origin.find("://") + 3);
 }
 
+// What is wrong with a setting says nothing of the object.
+absl::Status AsSetting(absl::string_view variable, const absl::Status& status) {
+  return status.ok() ? status
+                     : absl::FailedPreconditionError(absl::StrCat(variable, status.message()));
+}
+
 // The headers of a signed request. Its date is the only one that this room reads.
 void AddSignature(const RequestSpec& spec, const Address& url, const std::string& region,
                   const AwsCredentials& credentials, TransferRequest* transfer) {
@@ -114,9 +120,9 @@ absl::Status RemoteClient::AddHttpCredentials(PreparedRequest* request) const {
   if (!options_.bearer.origin.empty() && options_.bearer.origin == origin) {
     Secret token = options_.bearer.token;
     if (token.empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::string text,
-                                io::ReadWholeFile(options_.bearer.file, kMaxTokenFileBytes));
-      token = Secret(std::string(absl::StripAsciiWhitespace(text)));
+      const auto text = io::ReadWholeFile(options_.bearer.file, kMaxTokenFileBytes);
+      ISOSCOPE_RETURN_IF_ERROR(AsSetting("ISOSCOPE_BEARER_TOKEN_FILE: ", text.status()));
+      token = Secret(std::string(absl::StripAsciiWhitespace(*text)));
       if (token.empty() || !std::all_of(token.Reveal().begin(), token.Reveal().end(), [](char c) {
             return absl::ascii_isgraph(static_cast<unsigned char>(c));
           })) {
@@ -131,9 +137,9 @@ absl::Status RemoteClient::AddHttpCredentials(PreparedRequest* request) const {
   if (options_.netrc_file.empty() || !(url.is_https || IsLoopback(url.host))) {
     return absl::OkStatus();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string text,
-                            io::ReadWholeFile(options_.netrc_file, kMaxNetrcBytes));
-  const auto entry = FindInNetrc(text, url.host);
+  const auto text = io::ReadWholeFile(options_.netrc_file, kMaxNetrcBytes);
+  ISOSCOPE_RETURN_IF_ERROR(AsSetting("NETRC: ", text.status()));
+  const auto entry = FindInNetrc(*text, url.host);
   if (entry) {
     AddHeader("Authorization",
               absl::StrCat("Basic ", absl::Base64Escape(absl::StrCat(entry->login, ":",
@@ -148,7 +154,7 @@ absl::StatusOr<PreparedRequest> RemoteClient::Prepare(const RequestSpec& spec) c
   PreparedRequest request;
   std::string region;
   if (spec.address.is_s3) {
-    ISOSCOPE_RETURN_IF_ERROR(options_.s3.problem);
+    ISOSCOPE_RETURN_IF_ERROR(AsSetting("", options_.s3.problem));
     region = RegionOf(spec.address.bucket);
     ISOSCOPE_ASSIGN_OR_RETURN(request.url, UrlOfS3(spec.address, region));
     request.url.query = CanonicalQuery(spec.query);

@@ -128,6 +128,36 @@ TEST(ShardDamagesOfASourceTest, FoldersOfTheSourceAreNotTold) {
             "with --allow-source a.zarr=b or https://host/a");
 }
 
+// Symptom: a source that had vanished was told as a damaged shard, with "No such file".
+TEST(ShardDamagesOfASourceTest, ASourceThatCannotBeReadIsNoDamage) {
+  ShardDamages damages(/*hides_paths=*/true);
+  damages.AddShard(kFolder, "flow", 1, "/data/run/a.raw");
+  const auto told = [&](absl::StatusCode code) {
+    return damages.ForCaller(base::WithReason(
+        absl::Status(code, absl::StrCat("block 7 of ", kFolder,
+                                        "/blocks.bin: its samples are in "
+                                        "/data/run/a.raw: no such file; bring it back")),
+        base::ErrorReason::kSourceUnreadable));
+  };
+  ::testing::internal::CaptureStderr();
+  const absl::Status gone = told(absl::StatusCode::kNotFound);
+  EXPECT_THAT(gone, StatusIs(absl::StatusCode::kNotFound,
+                             AllOf(HasSubstr("\"flow\", shard 1: block 7 of blocks.bin: its "
+                                             "samples are in a.raw: no such file; bring it back"),
+                                   Not(HasSubstr("/data")))));
+  EXPECT_EQ(base::ReasonOf(gone), base::ErrorReason::kSourceUnreadable);
+  EXPECT_THAT(told(absl::StatusCode::kPermissionDenied),
+              StatusIs(absl::StatusCode::kPermissionDenied));
+  // Callers have credentials of their own.
+  EXPECT_THAT(told(absl::StatusCode::kUnauthenticated),
+              StatusIs(absl::StatusCode::kPermissionDenied));
+  EXPECT_THAT(told(absl::StatusCode::kUnavailable), StatusIs(absl::StatusCode::kUnavailable));
+  EXPECT_TRUE(damages.damages().empty());
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log, HasSubstr("source_unreadable"));
+  EXPECT_EQ(log.find("source_unreadable"), log.rfind("source_unreadable")) << log;
+}
+
 TEST(ShardDamagesOfOneProcessTest, APersonOfThisMachineReadsThePath) {
   ShardDamages damages(/*hides_paths=*/false);
   damages.AddShard(kFolder, "flow", 1);

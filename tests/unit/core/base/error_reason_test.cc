@@ -35,6 +35,16 @@ TEST(ErrorReasonTest, AReasonThatWasSetCountsForMoreThanTheCode) {
   EXPECT_TRUE(absl::IsFailedPrecondition(status));
 }
 
+TEST(ErrorReasonTest, APrefixKeepsReasonAndRetryDelay) {
+  const absl::Status status = WithPrefix(
+      "block 7: ", WithReason(WithRetryDelay(absl::UnavailableError("503"), absl::Seconds(3)),
+                              ErrorReason::kSourceUnreadable));
+  EXPECT_TRUE(absl::IsUnavailable(status));
+  EXPECT_EQ(status.message(), "block 7: 503");
+  EXPECT_EQ(ReasonOf(status), ErrorReason::kSourceUnreadable);
+  EXPECT_EQ(RetryDelayOf(status), absl::Seconds(3));
+}
+
 TEST(ErrorReasonTest, ErrorsWithoutOneHaveThatOfTheirCode) {
   EXPECT_EQ(ReasonOf(absl::NotFoundError("")), ErrorReason::kDatasetUnknown);
   EXPECT_EQ(ReasonOf(absl::InvalidArgumentError("")), ErrorReason::kInvalidField);

@@ -1,5 +1,7 @@
 #include "core/formats/find_volume.h"
 
+#include <unistd.h>
+
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -56,6 +58,52 @@ TEST_F(FindVolumeTest, AFolderIsAFolderWhateverItsName) {
 }
 
 // A store of Zarr is a folder, also by the array behind a colon and by its metadata.
+// Root may read everything, so that it becomes somebody else.
+class AsNobody {
+ public:
+  AsNobody() : was_root_(geteuid() == 0) { Become(kNobody); }
+  ~AsNobody() { Become(0); }
+  AsNobody(const AsNobody&) = delete;
+  AsNobody& operator=(const AsNobody&) = delete;
+
+ private:
+  static constexpr uid_t kNobody = 65534;
+
+  void Become(uid_t user) const { EXPECT_TRUE(!was_root_ || seteuid(user) == 0); }
+
+  const bool was_root_;
+};
+
+// Symptom: without rights a TIFF was damaged, an HDF5 file was none, and a folder of Zarr lacked files.
+TEST_F(FindVolumeTest, WhatMayNotBeReadIsPermissionDenied) {
+  for (const char* name : {"a.tif", "a.h5", "a.nrrd", "a.raw"}) {
+    testing::WriteFile(dir_.Sub(name), "bytes");
+  }
+  std::filesystem::create_directory(dir_.Sub("a.zarr"));
+  testing::WriteFile(dir_.Sub("a.zarr/.zgroup"), R"({"zarr_format": 2})");
+  using std::filesystem::perms;
+  std::filesystem::permissions(dir_.Sub(""), perms::owner_all | perms::others_exec);
+  for (const char* name : {"a.tif", "a.h5:/d", "a.nrrd", "a.raw", "a.zarr"}) {
+    const std::string file = std::string(name).substr(0, std::string(name).find(':'));
+    std::filesystem::permissions(dir_.Sub(file), perms::none);
+    absl::Status status;
+    {
+      const AsNobody nobody;
+      status = OpenVolumeSeries(dir_.Sub(name)).status();
+    }
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr(file))) << name;
+    std::filesystem::permissions(dir_.Sub(file), perms::owner_all);
+  }
+  std::filesystem::permissions(dir_.Sub(""), perms::owner_write | perms::owner_read);
+  absl::Status status;
+  {
+    const AsNobody nobody;
+    status = OpenVolumeSeries(dir_.Sub("a.nrrd")).status();
+  }
+  std::filesystem::permissions(dir_.Sub(""), perms::owner_all);
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("a.nrrd")));
+}
+
 TEST_F(FindVolumeTest, FindsZarr) {
   Write("a.zarr/.zgroup", "{\"zarr_format\": 2}");
   Write("a.zarr/v/.zarray",

@@ -7,14 +7,21 @@
 #include <cstdlib>
 #include <filesystem>
 #include <map>
+#include <numeric>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/error_reason.h"
+#include "core/indexed/unit_cache.h"
+#include "core/io/file.h"
 #include "core/partition/distribution.h"
+#include "core/store/shard_reader.h"
 #include "core/volume/block_layout.h"
 #include "tests/support/draws.h"
 #include "tests/support/hdf5_volume_file.h"
@@ -453,6 +460,58 @@ TEST_F(SampleOpenerTest, AMissingSourceIsNotFound) {
       Read(manifest, {.allowed = {{.recorded = recorded, .actual = recorded + "/other"}}}));
 }
 
+// Symptom: what an agent read of a source that had vanished under it was DATA_LOSS.
+TEST_F(SampleOpenerTest, ASourceThatVanishesUnderAReaderIsNotFoundUntilItIsBack) {
+  partition::PartitionOptions options = OptionsTo("d");
+  options.block_cells = {8, 8, 8};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest,
+                                Cut(WriteRaw({70, 130, 132}, kKinds[2]), options, true));
+  SourceAccess access = kOwn;
+  access.max_bytes = 900'000;  // some of the units: the others are read again
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto shard,
+      store::ShardReader::Open(testing::ShardPath(dir_.Sub("d"), manifest, 0),
+                               io::OpenRandomAccessFile, MakeSampleOpener(access)));
+  const auto read = [&] {
+    std::vector<std::uint32_t> ordinals(static_cast<std::size_t>(shard->block_count()));
+    std::iota(ordinals.begin(), ordinals.end(), std::uint32_t{0});
+    absl::Status status;
+    for (const store::ShardReader::DiskRun& run : shard->PlanDiskRuns(ordinals)) {
+      std::vector<char> buffer(static_cast<std::size_t>(run.size));
+      status.Update(shard->ReadDiskRun(run, ordinals, buffer.data(),
+                                       [](const auto& /*block*/) { return absl::OkStatus(); }));
+    }
+    return status;
+  };
+  ISOSCOPE_EXPECT_OK(read());
+  const std::string path = dir_.Sub("a.raw");
+  fs::rename(path, dir_.Sub("b.raw"));
+  const absl::Status gone = read();
+  EXPECT_THAT(gone, StatusIs(absl::StatusCode::kNotFound,
+                             AllOf(HasSubstr("a.raw"), HasSubstr("No such file"),
+                                   HasSubstr("bring it back"), HasSubstr("--allow-source"))));
+  EXPECT_EQ(base::ReasonOf(gone), base::ErrorReason::kSourceUnreadable);
+  fs::create_directory(path);  // something else has its name
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kDataLoss,
+                               AllOf(HasSubstr("the source has changed"), HasSubstr("a.raw"),
+                                     HasSubstr("partition it anew"))));
+  fs::remove(path);
+  fs::rename(dir_.Sub("b.raw"), path);
+  ISOSCOPE_EXPECT_OK(read());
+  fs::resize_file(path, 500);
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kDataLoss,
+                               AllOf(HasSubstr("a.raw"), HasSubstr("the source has changed"),
+                                     HasSubstr("partition it anew"))));
+  testing::WriteFile(path, std::string(13, 'h') + samples_);
+  ISOSCOPE_EXPECT_OK(read());
+  // Other samples are in memory then, which is no reason to keep them.
+  testing::WriteFile(path, std::string(13 + samples_.size(), 'h'));
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the source has changed")));
+  testing::WriteFile(path, std::string(13, 'h') + samples_);
+  absl::SleepFor(UnitCache::kDoubtfulLife);
+  ISOSCOPE_EXPECT_OK(read());
+}
+
 // A manifest can make no agent read what its operator does not allow.
 TEST_F(SampleOpenerTest, OnlyAllowedSourcesAreRead) {
   const store::Manifest manifest = MakeSmall();
@@ -462,6 +521,7 @@ TEST_F(SampleOpenerTest, OnlyAllowedSourcesAreRead) {
   };
   EXPECT_THAT(Read(manifest, {}), StatusIs(absl::StatusCode::kPermissionDenied,
                                            AllOf(HasSubstr("a.raw"), HasSubstr("--allow-source"))));
+  EXPECT_EQ(base::ReasonOf(Read(manifest, {})), base::ErrorReason::kSourceUnreadable);
   ISOSCOPE_EXPECT_OK(Read(manifest, allowing(root)));
   ISOSCOPE_EXPECT_OK(Read(manifest, allowing(root + "/")));
   ISOSCOPE_EXPECT_OK(Read(manifest, allowing(root + "/a.raw")));

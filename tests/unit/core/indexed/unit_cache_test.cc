@@ -7,6 +7,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "oneapi/tbb/parallel_for.h"
@@ -47,6 +48,30 @@ TEST(UnitCacheTest, MakesAUnitOnceAndDropsTheOldest) {
   EXPECT_EQ(cache.made_count(), 5);
   ISOSCOPE_ASSERT_OK(get(1).status());
   EXPECT_EQ(cache.made_count(), 6);
+}
+
+// Symptom: a source that was back as it was stayed DATA_LOSS, because its unit was kept.
+TEST(UnitCacheTest, ADoubtfulUnitIsMadeAgainButNotAtOnce) {
+  UnitCache cache(8000);
+  const auto get = [&](std::int64_t unit) {
+    return cache.Get({1, unit}, 10, 0, kNever, [](char* out) { return Fill(1, 10, out); }).status();
+  };
+  cache.Doubt({1, 1});  // is not kept
+  ISOSCOPE_ASSERT_OK(get(1));
+  ISOSCOPE_ASSERT_OK(get(2));
+  cache.Doubt({1, 1});
+  absl::SleepFor(UnitCache::kDoubtfulLife);
+  ISOSCOPE_ASSERT_OK(get(2));
+  EXPECT_EQ(cache.made_count(), 2);
+  ISOSCOPE_ASSERT_OK(get(1));
+  EXPECT_EQ(cache.made_count(), 3);
+  EXPECT_EQ(cache.kept_bytes(), 20U);
+  for (int i = 0; i < 100; ++i) {  // each of its blocks
+    cache.Doubt({1, 2});
+  }
+  cache.Doubt({1, 1});
+  ISOSCOPE_ASSERT_OK(get(1));
+  EXPECT_LE(cache.made_count(), 4);
 }
 
 TEST(UnitCacheTest, AnErrorIsNotKept) {

@@ -56,6 +56,9 @@ class Notes final : public store::SampleReader {
     return absl::OkStatus();
   }
   [[nodiscard]] math::Index3 UnitOf(volume::BlockId /*id*/) const override { return {0, 0, 0}; }
+  [[nodiscard]] absl::Status Doubt(volume::BlockId /*id*/) const override {
+    return absl::OkStatus();
+  }
   [[nodiscard]] bool HasUnit(const math::Index3& /*unit*/) const override { return false; }
   [[nodiscard]] std::size_t max_units_ahead() const override { return max_ahead_; }
   [[nodiscard]] const std::string& name() const override { return name_; }

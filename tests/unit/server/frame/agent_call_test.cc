@@ -64,6 +64,26 @@ TEST(AgentCallTest, TheAgentsOwnReasonAndRetryDelayReachTheClient) {
   EXPECT_EQ(base::RetryDelayOf(failure.ToStatus()), absl::Seconds(1));
 }
 
+// Symptom: a source that had vanished was SHARD_DAMAGED, and one without rights AGENT_LOST.
+TEST(AgentCallTest, ErrorsOfASourceKeepTheirCodes) {
+  for (const absl::StatusCode code :
+       {absl::StatusCode::kNotFound, absl::StatusCode::kPermissionDenied,
+        absl::StatusCode::kUnavailable}) {
+    const AgentFailure failure{
+        .agent = {.address = "a:1", .shard_indices = {0}},
+        .status = CallStatus(
+            base::WithReason(absl::Status(code, "x"), base::ErrorReason::kSourceUnreadable),
+            false)};
+    const absl::Status told = failure.ToStatus();
+    EXPECT_THAT(told, StatusIs(code, "agent a:1 (shard 0): x"));
+    EXPECT_EQ(base::ReasonOf(told), base::ErrorReason::kSourceUnreadable);
+    EXPECT_TRUE(LacksParts(failure.status)) << code;
+    EXPECT_FALSE(failure.IsLost()) << code;
+  }
+  EXPECT_FALSE(LacksParts(absl::OkStatus()));
+  EXPECT_FALSE(LacksParts(absl::InternalError("x")));
+}
+
 TEST(AgentCallTest, CodesThatWouldMisleadTheClientAreReplaced) {
   struct Case {
     absl::Status ended;

@@ -1,14 +1,19 @@
 #include "core/formats/stacks/tiff_file.h"
 
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/io/mounted_file.h"
+#include "tests/support/memory_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
 #include "tests/unit/core/formats/stacks/tiff_files.h"
 
 namespace isoscope::source {
@@ -53,6 +58,43 @@ TEST(TiffFileTest, TheScanFindsPagesAndLeavesThumbnailsOut) {
   ISOSCOPE_ASSERT_OK(
       ReadTiffPlane(tiff.get(), format, 0, path, reinterpret_cast<char*>(samples.data())));
   EXPECT_EQ(samples, TiffPlane(file, 2));
+}
+
+// A file at an address that vanishes behind some byte.
+class VanishingFile final : public testing::MemoryReadFile {
+ public:
+  VanishingFile(const std::string& bytes, std::int64_t end) : MemoryReadFile(bytes), end_(end) {}
+
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    return offset + static_cast<std::int64_t>(size) > end_
+               ? absl::NotFoundError("has vanished")
+               : MemoryReadFile::ReadAt(offset, size, out);
+  }
+
+ private:
+  const std::int64_t end_;
+};
+
+// Symptom: a page that could not be fetched was DATA_LOSS, "the file is cut or damaged".
+TEST(TiffFileTest, AFileThatVanishesWhileItIsScannedIsNotDamaged) {
+  const TempDir dir;
+  ASSERT_TRUE(WriteTiffStack(dir.Sub("a.tif"), {.pages = 3}));
+  const std::string bytes = testing::ReadFile(dir.Sub("a.tif"));
+  const auto scan = [&](std::size_t end) {
+    const auto file = std::make_shared<VanishingFile>(bytes, static_cast<std::int64_t>(end));
+    io::MountFile({.file = file});
+    const absl::StatusOr<TiffFile> tiff = OpenTiff(file->path());
+    return tiff.ok() ? ScanTiffPages(tiff->get(), file->path()).status() : tiff.status();
+  };
+  ISOSCOPE_EXPECT_OK(scan(bytes.size()));
+  int failed = 0;
+  for (std::size_t end = 8; end < bytes.size(); end += 3) {
+    const absl::Status status = scan(end);
+    EXPECT_TRUE(status.ok() || absl::IsNotFound(status)) << end << " " << status;
+    failed += status.ok() ? 0 : 1;
+  }
+  EXPECT_GT(failed, 3);
 }
 
 TEST(TiffFileTest, ColoursForDisplayAreLeftToTheSamples) {

@@ -187,6 +187,23 @@ TEST_F(CopyAddressTest, RefusesByName) {
               StatusIs(absl::StatusCode::kNotFound));
 }
 
+// Symptom: a redirect to a file left an empty folder behind.
+TEST_F(CopyAddressTest, ACopyThatIsRefusedLeavesNoFolder) {
+  const ScriptedServer server([](const ServedRequest&, ServedConnection* connection) {
+    connection->Send(Answer(302, "Location: file:///etc/passwd\r\n", ""));
+  });
+  const base::Cancellation never;
+  const auto copy = [&] {
+    return CopyAddress(server.origin() + "/a.raw", dir_.Sub("out"), QuickOptions(), {}, never)
+        .status();
+  };
+  EXPECT_THAT(copy(), StatusIs(absl::StatusCode::kFailedPrecondition));
+  EXPECT_FALSE(std::filesystem::exists(dir_.Sub("out")));
+  std::filesystem::create_directory(dir_.Sub("out"));
+  EXPECT_THAT(copy(), StatusIs(absl::StatusCode::kFailedPrecondition));
+  EXPECT_TRUE(std::filesystem::exists(dir_.Sub("out")));
+}
+
 TEST_F(CopyAddressTest, CancellationKeepsWhatCame) {
   base::Cancellation cancellation;
   const auto report = CopyAddress(

@@ -180,7 +180,11 @@ TEST_F(OpenS3Test, StoresHaveKeysBelowTheirPrefix) {
 TEST_F(OpenS3Test, ProblemsOfSettingsAreErrorsOfS3Alone) {
   options_.s3.problem = absl::InvalidArgumentError("/home/x/.aws/config: line 3 has no '='");
   EXPECT_THAT(ReadAddress("s3://bucket/key", options_),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("line 3")));
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("line 3")));
+  // Symptom: "there is no such object", because a file of settings was missing.
+  options_.s3.problem = absl::NotFoundError("AWS_PROFILE: there is no profile");
+  EXPECT_THAT(ReadAddress("s3://bucket/key", options_),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("AWS_PROFILE")));
   EXPECT_EQ(*ReadAddress(server_.origin() + "/a", options_), "0123456789");
   EXPECT_THAT(ReadAddress("s3://bucket/", QuickOptions()),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("names a bucket")));
