@@ -8,7 +8,7 @@
 
 #include "absl/functional/function_ref.h"
 
-#include "core/io/file.h"
+#include "core/io/mounted_file.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
