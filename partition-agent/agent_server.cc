@@ -185,13 +185,16 @@ absl::StatusOr<OpenedShards> OpenShards(const AgentServerOptions& options,
       ISOSCOPE_ASSIGN_OR_RETURN(opened.series.emplace_back(),
                                 SeriesShard::Open(directory, options.memory->TakeOpenVolumes(),
                                                   store::OpenSeriesShard, options.open_samples));
+      options.memory->NoteBlocks(opened.series.back()->served()->manifest.block_cells);
       if (opened.series.back()->is_index_only()) {
         options.memory->NoteSource();
       }
     } else {
       ISOSCOPE_ASSIGN_OR_RETURN(opened.plain.emplace_back(),
                                 OpenShardWithLevels(directory, open_file, options.open_samples));
-      if (opened.plain.back()->reader->is_index_only()) {
+      const store::ShardReader& reader = *opened.plain.back()->reader;
+      options.memory->NoteBlocks(reader.manifest().block_cells);
+      if (reader.is_index_only()) {
         options.memory->NoteSource();
       }
     }

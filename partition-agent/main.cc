@@ -175,9 +175,10 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
-  options.arena = std::make_shared<base::TaskArena>(flags.threads);
-  options.memory =
-      std::make_shared<AgentMemory>(static_cast<std::size_t>(flags.memory_limit_bytes));
+  const auto limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes);
+  options.arena = AgentMemory::MakeArena(flags.threads, limit_bytes);
+  options.memory = std::make_shared<AgentMemory>(limit_bytes, AgentMemory::kDefaultStepCount,
+                                                 options.arena->max_concurrency());
   access.max_bytes = options.memory->source_bytes();
   options.open_samples = indexed::MakeSampleOpener(access);
   ISOSCOPE_ASSIGN_OR_RETURN(

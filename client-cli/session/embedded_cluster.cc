@@ -113,17 +113,20 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_ASSIGN_OR_RETURN(const ShardsToServe shards, FindShards(options));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
+  const std::size_t limit_bytes = options.memory_limit_bytes > 0
+                                      ? options.memory_limit_bytes
+                                      : agent::AgentMemory::DefaultLimitBytes();
   const std::shared_ptr<base::TaskArena> arena =
-      std::make_shared<base::TaskArena>(options.thread_count);
+      agent::AgentMemory::MakeArena(options.thread_count, limit_bytes);
 
   // 2. With at least two agents a thread, no thread is idle for long while the last one draws.
   const bool one_thread_a_step =
       shards.most_count_of_dataset >= 2 * static_cast<std::size_t>(arena->max_concurrency());
   arena->SetSharesThreads(one_thread_a_step);
   const auto memory = std::make_shared<agent::AgentMemory>(
-      options.memory_limit_bytes > 0 ? options.memory_limit_bytes
-                                     : agent::AgentMemory::DefaultLimitBytes(),
-      one_thread_a_step ? arena->max_concurrency() : agent::AgentMemory::kDefaultStepCount);
+      limit_bytes,
+      one_thread_a_step ? arena->max_concurrency() : agent::AgentMemory::kDefaultStepCount,
+      arena->max_concurrency());
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_,
                             render::MakeRenderer({.kind = options.renderer,
                                                   .max_kept_mesh_bytes = memory->kept_mesh_bytes(),

@@ -1,15 +1,17 @@
 #include "core/base/memory_pool.h"
 
 #include <algorithm>
+#include <bit>
 #include <new>
 
+#include "core/base/check.h"
 #include "core/base/large_pages.h"
 
 namespace isoscope::base {
 namespace {
 
 constexpr std::size_t kPageBytes = 4096;
-static_assert(kLargePageBytes == 2 * MemoryPool::kChunkBytes, "a page is taken as two chunks");
+static_assert(kLargePageBytes % MemoryPool::kChunkBytes == 0, "a page is taken as whole chunks");
 
 // Makes room for `count` elements. Grows by factors, as push_back does.
 void ReserveFor(std::size_t count, std::vector<char*>* pages) {
@@ -20,8 +22,10 @@ void ReserveFor(std::size_t count, std::vector<char*>* pages) {
 
 }  // namespace
 
-std::shared_ptr<MemoryPool> MemoryPool::Make() {
-  return std::shared_ptr<MemoryPool>(new MemoryPool());
+std::shared_ptr<MemoryPool> MemoryPool::Make(std::size_t chunk_bytes) {
+  ISOSCOPE_CHECK(std::has_single_bit(chunk_bytes) && chunk_bytes >= kPageBytes &&
+                 chunk_bytes <= kChunkBytes);
+  return std::shared_ptr<MemoryPool>(new MemoryPool(chunk_bytes));
 }
 
 MemoryPool::~MemoryPool() {
@@ -36,7 +40,7 @@ char* MemoryPool::TakeFreshPage() {
     const std::size_t region_count = regions_.size() + 1;
     ReserveFor(region_count, &regions_);
     ReserveFor(kRegionBytes / kLargePageBytes, &fresh_pages_);
-    ReserveFor(region_count * (kRegionBytes / kChunkBytes), &free_chunks_);
+    ReserveFor(region_count * (kRegionBytes / chunk_bytes_), &free_chunks_);
     char* const region = static_cast<char*>(MapLargePages(kRegionBytes));
     if (region == nullptr) {
       throw std::bad_alloc();
@@ -63,13 +67,21 @@ void MemoryPool::Populate(std::size_t bytes) {
       static_cast<volatile char*>(page)[offset] = 0;
     }
     MutexLock lock(&mutex_);
-    free_chunks_.insert(free_chunks_.begin(), {page + kChunkBytes, page});
+    AddChunksOf(page);
+  }
+}
+
+void MemoryPool::AddChunksOf(char* page) {
+  const std::size_t count = kLargePageBytes / chunk_bytes_;
+  free_chunks_.insert(free_chunks_.begin(), count, nullptr);
+  for (std::size_t i = 0; i < count; ++i) {
+    free_chunks_[count - 1 - i] = page + i * chunk_bytes_;
   }
 }
 
 std::size_t MemoryPool::touched_free_bytes() const {
   MutexLock lock(&mutex_);
-  return free_chunks_.size() * kChunkBytes;
+  return free_chunks_.size() * chunk_bytes_;
 }
 
 std::shared_ptr<char[]> MemoryPool::Take() {
@@ -77,9 +89,8 @@ std::shared_ptr<char[]> MemoryPool::Take() {
   {
     MutexLock lock(&mutex_);
     if (free_chunks_.empty()) {
-      // Whoever fills the first chunk of a large page touches both.
-      char* const page = TakeFreshPage();
-      free_chunks_.assign({page + kChunkBytes, page});
+      // Whoever fills the first chunk of a large page touches all of it.
+      AddChunksOf(TakeFreshPage());
     }
     chunk = free_chunks_.back();
     free_chunks_.pop_back();

@@ -17,12 +17,15 @@ namespace isoscope::base {
 // Thread-safe.
 class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
  public:
-  static constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
+  static constexpr std::size_t kChunkBytes = std::size_t{1} << 20;  // the largest, and the default
 
-  static std::shared_ptr<MemoryPool> Make();
+  // chunk_bytes: a power of two, from 4096 to kChunkBytes
+  static std::shared_ptr<MemoryPool> Make(std::size_t chunk_bytes = kChunkBytes);
   ~MemoryPool();
   MemoryPool(const MemoryPool&) = delete;
   MemoryPool& operator=(const MemoryPool&) = delete;
+
+  [[nodiscard]] std::size_t chunk_bytes() const { return chunk_bytes_; }
 
   // Takes `bytes` from the kernel and touches them. Blocks; others may take chunks meanwhile.
   void Populate(std::size_t bytes);
@@ -36,15 +39,18 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   std::shared_ptr<char[]> Take();
 
  private:
-  // The pool takes 32 chunks at a time from the kernel.
+  // The pool takes this much at a time from the kernel.
   static constexpr std::size_t kRegionBytes = 32 * kChunkBytes;
 
-  MemoryPool() = default;
-  // Returns a large page that nobody has touched: two chunks.
+  explicit MemoryPool(std::size_t chunk_bytes) : chunk_bytes_(chunk_bytes) {}
+  // Returns a large page that nobody has touched. free_chunks_ has room for its chunks.
   char* TakeFreshPage() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Puts the chunks of a page below the free ones, so that its first chunk is taken first of them.
+  void AddChunksOf(char* page) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Allocates nothing: destructors call it.
   void Return(char* chunk);
 
+  const std::size_t chunk_bytes_;
   mutable Mutex mutex_;
   std::vector<char*> regions_ ABSL_GUARDED_BY(mutex_);
   std::vector<char*> fresh_pages_ ABSL_GUARDED_BY(mutex_);  // taken from the back

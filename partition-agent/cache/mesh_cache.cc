@@ -6,7 +6,7 @@
 //   MeshSegment          memory that fills up with meshes, from its beginning on
 //
 // * Store copies a mesh into the writer's segment, and enters it into the table. A writer without
-//   room takes another segment. A mesh larger than 1 MiB gets a segment of its own.
+//   room takes another segment: a chunk of the pool, or memory of its own for a mesh that is larger.
 // * Find locks the weak pointer. If the segment is gone, the mesh is not kept. Otherwise the
 //   segment is marked as used in this round, and the returned pointer keeps all of it alive.
 // * Only TakeSegment evicts. It drops the segment with the lowest round until there is room, but
@@ -130,7 +130,7 @@ std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::Bl
 std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std::uint64_t round) {
   std::vector<std::shared_ptr<MeshSegment>> evicted;
   auto segment = std::make_shared<MeshSegment>();
-  segment->size_bytes = std::max(size_bytes, base::MemoryPool::kChunkBytes);
+  segment->size_bytes = std::max(size_bytes, pool_->chunk_bytes());
   segment->round.store(round, std::memory_order_relaxed);
   {
     base::MutexLock lock(&mutex_);
@@ -165,7 +165,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
   }
   evicted.clear();  // frees their chunks for the new segment
   absl::Cleanup withdraw = [this, &segment] { Withdraw(segment); };
-  segment->memory = segment->size_bytes <= base::MemoryPool::kChunkBytes
+  segment->memory = segment->size_bytes <= pool_->chunk_bytes()
                         ? pool_->Take()
                         : std::make_shared_for_overwrite<char[]>(segment->size_bytes);
   std::move(withdraw).Cancel();

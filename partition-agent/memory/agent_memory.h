@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 
@@ -17,6 +18,8 @@
 #include "core/base/executor.h"
 #include "core/base/memory_budget.h"
 #include "core/base/mutex.h"
+#include "core/base/task_arena.h"
+#include "core/math/vec.h"
 #include "core/render/layer_pass.h"
 #include "core/view/camera.h"
 #include "partition-agent/cache/block_cache.h"
@@ -36,10 +39,17 @@ class AgentMemory {
   // This many steps that each draw with all threads have room, whatever they draw.
   static constexpr int kDefaultStepCount = 2;
 
+  // Returns the arena of a process with this limit. It has so many threads (0: one for each core), or
+  // as many as there is room for (ThreadBytes, blocks of the usual size), at least two. With a small
+  // limit malloc keeps less of what is freed from then on.
+  static std::shared_ptr<base::TaskArena> MakeArena(int thread_count, std::size_t limit_bytes);
+
   // step_count: steps that run at a time. With more than the default each may take less for meshes
   // and reads.
+  // thread_count: of the arena
   // REQUIRES: limit_bytes >= kMinLimitBytes. The cache keeps nothing before Settle.
-  explicit AgentMemory(std::size_t limit_bytes, int step_count = kDefaultStepCount);
+  explicit AgentMemory(std::size_t limit_bytes, int step_count = kDefaultStepCount,
+                       int thread_count = 1);
 
   // A frame that is expected: its steps draw this. max_layers: as for ReserveStep.
   struct ExpectedStep {
@@ -49,8 +59,8 @@ class AgentMemory {
 
   // Gives the cache the memory that neither the process holds nor frames need. With touches_ahead it
   // touches some of it now, and goes on while no frames are in work: that pays from the second frame
-  // on. Call it once all shards are open. FAILED_PRECONDITION if no memory
-  // is left; the message has the least limit that is enough, also for the expected step.
+  // on. Call it once all shards are open. FAILED_PRECONDITION if no memory is left; the message has
+  // the least limit that is enough, also for the expected step, and says if fewer threads would do.
   absl::Status Settle(const std::optional<ExpectedStep>& expected = std::nullopt,
                       bool touches_ahead = true);
 
@@ -71,6 +81,8 @@ class AgentMemory {
   // for them. Call it before Settle.
   [[nodiscard]] std::size_t source_bytes() const { return limit_bytes_ / kSourceShare; }
   void NoteSource() { has_source_.store(true); }
+  // A shard has blocks of this size. Call it before Settle.
+  void NoteBlocks(const math::Index3& block_cells);
 
   // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
   // limit with the default number of steps, at most 16 MiB (more does not pay), at least one disk
@@ -113,9 +125,15 @@ class AgentMemory {
   static constexpr std::size_t kSourceShare = 8;  // of the limit, if there are index-only shards
 
   [[nodiscard]] std::size_t StepBytes(const view::Viewport& viewport, int max_layers) const;
+  // With another limit: the bytes of all threads of the arena, and of what frames and open volumes
+  // take.
+  [[nodiscard]] std::size_t ThreadBytes(std::size_t limit_bytes) const;
+  [[nodiscard]] std::size_t ForFrames(std::size_t limit_bytes) const;
 
   const std::size_t limit_bytes_;
   const std::size_t step_count_;  // at least the default
+  const std::size_t thread_count_;
+  std::atomic<std::int64_t> block_samples_{0};  // of the largest block
   std::atomic<bool> has_series_{false};
   std::atomic<bool> has_source_{false};
   const std::shared_ptr<OpenVolumes> open_volumes_;

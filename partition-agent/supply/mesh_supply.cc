@@ -88,6 +88,9 @@ absl::StatusOr<SupplyCost> MeshSupply::AddMeshes(const std::vector<ChosenMesh>& 
   ISOSCOPE_RETURN_IF_ERROR(AddRead(chosen, std::move(missing), sink, &cost.read_bytes));
   ISOSCOPE_RETURN_IF_ERROR(AddRest(sink));
   AddUpWorkers(base::MonotonicNow() - start, &cost);
+  // Frames wait for each other between their steps. Each would keep scratch and a chunk of memory a
+  // thread.
+  workers_.clear();
   return cost;
 }
 

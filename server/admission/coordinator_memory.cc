@@ -13,6 +13,7 @@
 // The same 3/4 hold for agents of this process. So the rest is for frames of other callers, too.
 // Beside agents of this process, answer and bands have 5/8 of the limit less 64 MiB: the agents have
 // 1/4 for a step and keep 1/8 as images, and the program and its libraries are some 64 MiB.
+// All frames in work together have that much, too, and one that needs more is drawn alone.
 // Planes and raw pictures lie beside the agents, and a client of this process may still hold the
 // last ones. So agents get bands as if the limit were smaller by both, unless none fits then.
 //
@@ -145,7 +146,7 @@ std::size_t CoordinatorMemory::DefaultLimitBytes() {
 CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes, AgentLimit agent_limit)
     : limit_bytes_(limit_bytes),
       agent_limit_(std::move(agent_limit)),
-      frames_(FrameCapacity(limit_bytes)),
+      frames_(agent_limit_ == nullptr ? FrameCapacity(limit_bytes) : BandCapacity(limit_bytes)),
       exports_(std::max(limit_bytes / kExportShare, kExportAnswerBytes + 8 * kExportBytesPerAgent)),
       tiles_(TilesBytesOf(limit_bytes)) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
@@ -314,7 +315,7 @@ absl::Status CoordinatorMemory::TooLarge(const frame::FrameSpec& spec, const Fra
       "or raise %s--memory-limit to %.0fMiB",
       size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
       Mebibytes(bytes), is_in_bands ? ", also in bands" : "", Mebibytes(limit_bytes_),
-      Mebibytes(is_in_bands ? BandCapacity(limit_bytes_) : frames_.capacity_bytes()),
+      Mebibytes(is_in_bands ? BandCapacity(limit_bytes_) : FrameCapacity(limit_bytes_)),
       samples > 1 ? ", or for fewer samples" : "",
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : "",
       wish.has_trace ? ", or for no trace" : "",
@@ -350,7 +351,8 @@ absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec,
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
     const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t bytes, BytesToReserve(*this, spec, wish));
-  return frames_.Reserve(bytes + TraceBytesOf(limit_bytes_, wish), cancellation);
+  return frames_.Reserve(
+      std::min(bytes + TraceBytesOf(limit_bytes_, wish), frames_.capacity_bytes()), cancellation);
 }
 
 std::optional<base::MemoryBudget::Reservation> CoordinatorMemory::TryKeepTiles(std::size_t bytes) {

@@ -71,7 +71,8 @@ class CoordinatorMemory {
   // and the least limit that is enough.
   [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, const FrameWish& wish) const;
   // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`
-  // if it fires first. A frame in bands leaves a quarter of what its answer leaves to others.
+  // if it fires first. A frame in bands leaves a quarter of what its answer leaves to others. Beside
+  // agents of this process, a frame that exceeds what they leave takes all of that, and runs alone.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, const FrameWish& wish, const base::Cancellation& cancellation);
   // Takes memory for the pixels of a picture between its tiles; none if there is not enough now. Does

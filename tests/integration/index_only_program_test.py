@@ -120,6 +120,57 @@ class IndexOnlyTest(unittest.TestCase):
       os.remove(self.path('m.ply'))
     self.assertEqual(sorted(meshes[0]), sorted(meshes[1]))
 
+  def peak_mib(self, *arguments):
+    """The most that was resident of a command that succeeds, in MiB."""
+    with open(self.path('errors'), 'w+') as errors:
+      process = subprocess.Popen([os.path.join(BIN, 'isoscope'), *arguments], stdout=subprocess.DEVNULL, stderr=errors)
+      alarm = threading.Timer(PATIENCE_S, process.kill)
+      alarm.start()
+      _, status, usage = os.wait4(process.pid, 0)
+      alarm.cancel()
+      process.returncode = os.waitstatus_to_exitcode(status)
+      errors.seek(0)
+      self.assertEqual(process.returncode, 0, errors.read())
+    return usage.ru_maxrss / 1024
+
+  # Breaks if each thread has a chunk of 1 MiB for meshes, or frees into an arena of malloc of its own.
+  def test_memory_keeps_the_limit_with_any_number_of_threads(self):
+    isoscope('generate', 'gyroid', '--dims', '256,256,256', '--type', 'uint8', '--output', self.path('w.nrrd'), '--quiet')
+    limit_mib = 112
+    pictures = set()
+    for kind in ([], ['--index-only']):
+      dataset = self.path('_'.join(['w', *kind]))
+      isoscope('partition', self.path('w.nrrd'), '--output', dataset, '--levels', 'none', '--quiet', *kind)
+      for threads in ('1', '8', '64'):
+        peak = self.peak_mib('render', dataset, '--isovalue', '128', '--renderer', 'cpu', '--threads', threads,
+                             '--memory-limit', f'{limit_mib}MiB', '--output', self.path('p.png'), '--no-metadata',
+                             '--quiet')
+        self.assertLessEqual(peak, limit_mib, (kind, threads))
+        pictures.add(read(self.path('p.png')))
+    self.assertEqual(len(pictures), 1)
+
+  # Breaks if the coordinator takes frames of several callers beside the agents of its process.
+  def test_memory_of_a_server_keeps_the_limit_with_many_callers(self):
+    isoscope('generate', 'gyroid', '--dims', '256,256,256', '--type', 'uint8', '--output', self.path('w.nrrd'), '--quiet')
+    dataset = self.path('w')
+    isoscope('partition', self.path('w.nrrd'), '--output', dataset, '--levels', '1', '--quiet')
+    limit_mib = 160
+    server = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'serve', dataset, '--listen', '127.0.0.1:0',
+                               '--renderer', 'cpu', '--threads', '64', '--memory-limit', f'{limit_mib}MiB'],
+                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+      address = server.stdout.readline().strip()
+      callers = [subprocess.Popen([os.path.join(BIN, 'isoscope'), 'render', '--server', address, '--isovalue', '128',
+                                   '--azimuth', str(20 * i), '--output', self.path(f'{i}.png'), '--quiet'])
+                 for i in range(8)]
+      self.assertEqual([caller.wait(PATIENCE_S) for caller in callers], [0] * 8)
+      with open(f'/proc/{server.pid}/status') as file:
+        peak_kib = int(re.search(r'VmHWM:\s+(\d+)', file.read())[1])
+    finally:
+      server.terminate()
+      server.communicate()
+    self.assertLessEqual(peak_kib / 1024, limit_mib)
+
   def test_info_and_verify(self):
     dataset = self.partition('b', '--shards', '2', '--index-only')
     info = json.loads(isoscope('info', dataset, '--json').stdout)['datasets'][0]

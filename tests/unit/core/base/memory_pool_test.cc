@@ -129,6 +129,35 @@ TEST(MemoryPoolTest, TellsHowMuchCanBeTakenWithoutFreshMemory) {
   EXPECT_EQ(pool->touched_free_bytes(), 6 * kChunkBytes);
 }
 
+// Breaks if a page is always taken as chunks of one size.
+TEST(MemoryPoolTest, SmallerChunksDivideALargePage) {
+  constexpr std::size_t kSmallBytes = kChunkBytes / 16;
+  const auto pool = MemoryPool::Make(kSmallBytes);
+  EXPECT_EQ(pool->chunk_bytes(), kSmallBytes);
+  std::vector<Chunk> chunks;
+  chunks.push_back(pool->Take());
+  EXPECT_EQ(pool->touched_free_bytes(), 31 * kSmallBytes) << "a large page is 32 chunks";
+  // More than the kernel is asked for at a time.
+  for (int i = 1; i < 1000; ++i) {
+    chunks.push_back(pool->Take());
+  }
+  for (std::size_t i = 0; i < chunks.size(); ++i) {
+    std::memset(chunks[i].get(), static_cast<int>(i % 100), kSmallBytes);
+  }
+  EXPECT_EQ(PlacesOf(chunks).size(), chunks.size());
+  for (std::size_t i = 0; i < chunks.size(); ++i) {
+    const char value = static_cast<char>(i % 100);
+    ASSERT_TRUE(std::all_of(chunks[i].get(), chunks[i].get() + kSmallBytes, [value](char byte) {
+      return byte == value;
+    })) << i;
+  }
+  const std::size_t free_bytes = pool->touched_free_bytes();
+  pool->Populate(1);
+  EXPECT_EQ(pool->touched_free_bytes(), free_bytes + 32 * kSmallBytes);
+  chunks.clear();
+  EXPECT_EQ(pool->touched_free_bytes(), free_bytes + 1032 * kSmallBytes);
+}
+
 TEST(MemoryPoolTest, PopulatingNothingTakesNothing) {
   const auto pool = MemoryPool::Make();
   pool->Populate(0);

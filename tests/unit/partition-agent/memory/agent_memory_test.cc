@@ -221,6 +221,56 @@ TEST(AgentMemoryTest, TheLimitThatSettleNamesIsEnoughForTheExpectedFrame) {
                                        AgentMemory::kDefaultStepCount));
 }
 
+// Symptom: with --threads 64 a picture took 245 MiB of a limit of 160.
+TEST(AgentMemoryTest, ASmallLimitHasFewThreadsAndALargeOneAllThatAreAskedFor) {
+  EXPECT_EQ(AgentMemory::MakeArena(2, AgentMemory::kMinLimitBytes)->max_concurrency(), 2);
+  const int with_160_mib = AgentMemory::MakeArena(64, 160 * kMiB)->max_concurrency();
+  EXPECT_GE(with_160_mib, 8);
+  EXPECT_LE(with_160_mib, 20);
+  EXPECT_LT(AgentMemory::MakeArena(64, AgentMemory::kMinLimitBytes)->max_concurrency(),
+            with_160_mib);
+  EXPECT_EQ(AgentMemory::MakeArena(64, 1024 * kMiB)->max_concurrency(), 64);
+}
+
+TEST(AgentMemoryTest, ManyThreadsHaveSmallerChunksForMeshes) {
+  // What a thread takes first is what its first mesh takes.
+  const auto first_bytes = [](std::size_t limit_bytes, int thread_count) {
+    AgentMemory memory(limit_bytes, AgentMemory::kDefaultStepCount, thread_count);
+    BlockCache* const cache = memory.cache();
+    cache->SetMaxBytes(64 * kMiB);
+    const auto table = cache->meshes()->TableOf(0, {.isovalue = 1}, 1);
+    const std::size_t before = cache->meshes()->size_bytes();
+    mesh::BlockMesh mesh;
+    mesh.positions.resize(4);
+    mesh.normals.resize(4);
+    MeshCache::Writer(cache->meshes(), cache->BeginRound(1)).Store(mesh, table.get(), 0);
+    return cache->meshes()->size_bytes() - before;
+  };
+  EXPECT_EQ(first_bytes(160 * kMiB, 2), kMiB);
+  EXPECT_EQ(first_bytes(160 * kMiB, 14), kMiB / 4);
+  EXPECT_EQ(first_bytes(1024 * kMiB, 14), kMiB);
+}
+
+TEST(AgentMemoryTest, ThreadsWithLargeBlocksTakeFromTheCacheOrAreRefusedByName) {
+  const std::size_t limit = AmpleLimit();
+  AgentMemory few(limit, AgentMemory::kDefaultStepCount, 2);
+  few.NoteBlocks({16, 16, 16});
+  ISOSCOPE_ASSERT_OK(few.Settle());
+  AgentMemory many(limit, AgentMemory::kDefaultStepCount, 1000);
+  many.NoteBlocks({16, 16, 16});
+  many.NoteBlocks({128, 128, 128});  // 69 MiB of scratch each
+  const absl::Status status = many.Settle();
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kFailedPrecondition,
+                               AllOf(HasSubstr(" MiB for 1000 threads"),
+                                     HasSubstr("use fewer --threads"))));
+  int enough_mib = 0;
+  ASSERT_TRUE(absl::SimpleAtoi(NumberAfter(status.message(), "--memory-limit to "), &enough_mib));
+  AgentMemory enough(static_cast<std::size_t>(enough_mib) * kMiB, AgentMemory::kDefaultStepCount,
+                     1000);
+  enough.NoteBlocks({128, 128, 128});
+  ISOSCOPE_EXPECT_OK(enough.Settle());
+}
+
 TEST(AgentMemoryTest, StepsWaitForEachOtherAndCanBeCancelled) {
   AgentMemory memory(AgentMemory::kMinLimitBytes);
   const base::Cancellation never;

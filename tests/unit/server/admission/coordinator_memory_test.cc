@@ -245,6 +245,34 @@ TEST(CoordinatorMemoryTest, TheLimitThatIsNamedForBandsIsTheLeastThatDraws) {
   }
 }
 
+// Symptom: with 160 MiB, eight callers of one process that also draws took 181.
+TEST(CoordinatorMemoryTest, BesideAgentsFramesOfSeveralCallersHaveWhatOneHas) {
+  const base::Cancellation never;
+  const auto agent_limit = [](const frame::FrameSpec&) { return std::size_t{0}; };
+  CoordinatorMemory memory(160 * kMiB, agent_limit);
+  constexpr std::size_t kBesideAgents = (100 - 64) * kMiB;  // 5/8 of the limit without the program
+  std::vector<base::MemoryBudget::Reservation> frames;
+  for (int i = 0; i < 4; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto taken,
+                                  memory.ReserveFrame(SpecOf(480, 480), kAtOnce, never));
+    frames.push_back(std::move(taken));
+    EXPECT_LE(memory.frame_bytes(), kBesideAgents);
+  }
+  const base::Cancellation soon(base::MonotonicNow() + absl::Milliseconds(20));
+  EXPECT_THAT(memory.ReserveFrame(SpecOf(480, 480), kAtOnce, soon),
+              StatusIs(absl::StatusCode::kDeadlineExceeded));
+  frames.clear();
+  // A larger one that could be drawn before is drawn alone.
+  const frame::FrameSpec larger = SpecOf(1400, 1400);
+  ASSERT_GT(FrameBytes(larger, Delivery::kWhole), kBesideAgents);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, memory.ReserveFrame(larger, kAtOnce, never));
+  EXPECT_EQ(memory.frame_bytes(), kBesideAgents);
+  // Agents elsewhere leave all of the share.
+  CoordinatorMemory apart(160 * kMiB);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto taken, apart.ReserveFrame(larger, kAtOnce, never));
+  EXPECT_EQ(apart.frame_bytes(), FrameBytes(larger, Delivery::kWhole));
+}
+
 TEST(CoordinatorMemoryTest, TheMaskIsNeverDrawnInBands) {
   const CoordinatorMemory memory(160 * kMiB);
   frame::FrameSpec spec = SpecOf(2048, 2048);
