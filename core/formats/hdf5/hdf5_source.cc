@@ -219,9 +219,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
                       is_far ? kFarChunkCacheBytes : kMaxChunkCacheBytes, name));
   if (cache_bytes > 0) {
     const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
-    // A prime number of slots, far more than chunks; chunks that were read whole go first.
-    constexpr std::size_t kSlots = 12421;
-    H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(cache_bytes), 1.0);
+    constexpr std::size_t kSlots = 12421;  // a prime number, far more than chunks
+    H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(cache_bytes),
+                       kChunkPreemption);
     dataset = Hdf5Handle();
     dataset =
         Hdf5Handle(H5Dopen2(named.file.get(), named.parts.dataset.c_str(), access.get()), H5Dclose);

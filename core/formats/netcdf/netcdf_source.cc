@@ -23,6 +23,7 @@
 #include "core/io/mounted_file.h"
 #include "core/source/child/far_files.h"
 #include "core/source/hdf5/hdf5_far_file.h"
+#include "core/source/hdf5/hdf5_file.h"
 #include "core/source/hdf5/hdf5_filters.h"
 #include "core/source/hdf5/hdf5_handle.h"
 #include "core/source/hdf5/hdf5_read_ahead.h"
@@ -114,7 +115,8 @@ class NetcdfSource final : public VolumeSource {
   // cache of chunks must be that of netCDF.
   void PrepareReadAhead(std::int64_t cache_bytes) {
     const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
-    H5Pset_chunk_cache(access.get(), kNetcdfSlots, static_cast<std::size_t>(cache_bytes), 1.0);
+    H5Pset_chunk_cache(access.get(), kNetcdfSlots, static_cast<std::size_t>(cache_bytes),
+                       kChunkPreemption);
     far_file_ = OpenHdf5ToRead(file_->path());
     far_dataset_ =
         Hdf5Handle(H5Dopen2(far_file_.get(), variable_.name.c_str(), access.get()), H5Dclose);
@@ -214,7 +216,7 @@ absl::StatusOr<std::int64_t> SetNetcdfCache(const NetcdfVariable& variable,
   const auto cache_bytes = static_cast<std::int64_t>(
       std::max(chunk_bytes, std::min(chunk_bytes * chunks, static_cast<double>(max_bytes))));
   nc_set_var_chunk_cache(variable.group, variable.id, static_cast<std::size_t>(cache_bytes),
-                         kNetcdfSlots, 1.0F);
+                         kNetcdfSlots, static_cast<float>(kChunkPreemption));
   return cache_bytes;
 }
 

@@ -22,8 +22,9 @@ enum class Hdf5DriverFiles {
 // A read that fails is the library's last error, by the words of its status.
 hid_t Hdf5DriverAccess(Hdf5DriverFiles files);
 
-// Calls `read`. Returns the ranges of raw data that the driver is asked for meanwhile, in order. They
-// are not read: the library gets what was in its buffers. All else is read.
+// Calls `read`, which calls H5Dread_chunk. Returns the ranges of raw data that the driver is asked for
+// meanwhile, in order. They are not read: `read` gets its room back as it was. All else is read. Other
+// calls would leave the library's buffers with bytes that were never read.
 std::vector<io::FileRange> NoteRawReads(absl::FunctionRef<void()> read);
 
 }  // namespace isoscope::source

@@ -13,6 +13,10 @@
 
 namespace isoscope::source {
 
+// For H5Pset_chunk_cache. With 1 the library (1.10) drops only chunks that were read from end to end,
+// whatever the bound of its cache: all others would stay.
+inline constexpr double kChunkPreemption = 0.75;
+
 // Makes the library ready: it prints no errors, loads filters as PrepareHdf5Filters
 // (hdf5_filters.h) says, and follows links as FollowLinksToRegularFiles (hdf5_external_links.h)
 // does. Code that opens files by another library that calls HDF5 needs it.

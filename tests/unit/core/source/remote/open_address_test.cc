@@ -641,7 +641,7 @@ TEST_F(OpenAddressTest, TokensAndPasswordsGoToTheirHost) {
   EXPECT_EQ(server.requests().back().Header("authorization"), "Basic YWRhOmVuZ2luZQ==");
   options.bearer = {.origin = server.origin(), .file = dir_.Sub("none")};
   EXPECT_THAT(ReadAddress(server.origin() + "/a", options),
-              StatusIs(absl::StatusCode::kNotFound, HasSubstr("none")));
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("none")));
 }
 
 TEST_F(OpenAddressTest, CertificatesAreChecked) {
