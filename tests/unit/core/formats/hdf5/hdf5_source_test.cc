@@ -308,12 +308,13 @@ TEST_F(Hdf5SourceTest, TheCacheKeepsItsBoundWhateverRowsAreRead) {
   WriteDataset(created, "v", {128, 64, 64}, H5T_STD_U8LE, H5T_NATIVE_UINT8, {8, 32, 32},
                samples.data());
   H5Fclose(created);
+  volume::GridGeometry geometry;
+  geometry.sample_dims = kLarge;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(NamedHdf5Dataset named, OpenHdf5ByName(dir_.Sub("a.h5")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(Hdf5SampleType type, Hdf5SampleTypeOf(named.dataset.get()));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const std::unique_ptr<VolumeSource> source,
-      OpenHdf5Volume(std::move(named), std::move(type), {.z = 0, .y = 1, .x = 2}, 0, 0,
-                     {.sample_dims = kLarge}));
+      OpenHdf5Volume(std::move(named), std::move(type), {.z = 0, .y = 1, .x = 2}, 0, 0, geometry));
   std::string rows(std::size_t{24} * 64, '\0');
   const std::size_t before = mallinfo2().uordblks;
   for (std::int64_t first = 0; first + 11 <= kLarge.z; first += 9) {
