@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -27,6 +28,7 @@
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "partition-agent/memory/agent_memory.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
 #include "rpc/grpc_time.h"
@@ -139,6 +141,16 @@ class EffectsTest : public ::testing::Test {
       return refused;
     }
     return least + 16;  // another process holds a bit more
+  }
+
+  // The least limit that has room for so many threads.
+  static std::int64_t LimitMibFor(int thread_count, std::int64_t least_mib) {
+    std::int64_t limit_mib = least_mib;
+    while (agent::AgentMemory::MakeArena(thread_count, static_cast<std::size_t>(limit_mib) << 20)
+               ->max_concurrency() < thread_count) {
+      limit_mib += 8;
+    }
+    return limit_mib;
   }
 
   // Draws the threads of an agent, and its limit: from `least_mib` to none.
@@ -348,7 +360,7 @@ TEST_F(EffectsTest, NeitherAgentsCullingNorRegionsShowWithOpenGl) {
 }
 
 // White noise: more meshes than an agent with the least limit keeps, so that it shades while other
-// threads draw.
+// threads draw. Many threads need a larger limit.
 TEST_F(EffectsTest, NeitherThreadsNorTheLeastMemoryLimitShow) {
   testing::TestVolume volume;
   volume.geometry.sample_dims = {kNoiseSide, kNoiseSide, kNoiseSide};
@@ -367,7 +379,8 @@ TEST_F(EffectsTest, NeitherThreadsNorTheLeastMemoryLimitShow) {
         const std::unique_ptr<Cluster> cluster, StartCluster(dataset, 1, "cpu", [&] {
           std::vector<std::string> flags{"--threads", absl::StrCat(thread_count)};
           if (!expected.empty()) {
-            flags.insert(flags.end(), {"--memory-limit", absl::StrCat(least, "MiB")});
+            flags.insert(flags.end(), {"--memory-limit",
+                                       absl::StrCat(LimitMibFor(thread_count, least), "MiB")});
           }
           return flags;
         }));
