@@ -245,6 +245,9 @@ TEST_F(TbbContractTest, ElementsAreMadeByTheFunctionAndNewForEachObject) {
     elements.local() = 9;
     EXPECT_EQ(elements.local(), 9);
     EXPECT_EQ(elements.size(), 1U);
+    elements.clear();
+    EXPECT_EQ(elements.size(), 0U);
+    EXPECT_EQ(elements.local(), object) << "made anew";
   }
 }
 

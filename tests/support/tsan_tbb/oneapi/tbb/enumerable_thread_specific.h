@@ -106,12 +106,7 @@ class enumerable_thread_specific {
       make_ = [first, arguments...](Node* next) { return new Node{T(first, arguments...), next}; };
     }
   }
-  ~enumerable_thread_specific() {
-    for (Node* node = newest_.load(std::memory_order_acquire); node != nullptr;) {
-      const std::unique_ptr<Node> owned(node);
-      node = node->next;
-    }
-  }
+  ~enumerable_thread_specific() { clear(); }
   enumerable_thread_specific(const enumerable_thread_specific&) = delete;
   enumerable_thread_specific& operator=(const enumerable_thread_specific&) = delete;
 
@@ -131,7 +126,14 @@ class enumerable_thread_specific {
     return *static_cast<T*>(element);
   }
 
-  // REQUIRES: no thread calls local() meanwhile.
+  // REQUIRES: no thread calls local() meanwhile; the same for the functions below.
+  void clear() {
+    for (Node* node = newest_.exchange(nullptr, std::memory_order_acquire); node != nullptr;) {
+      const std::unique_ptr<Node> owned(node);
+      node = node->next;
+    }
+    id_ = NewId();
+  }
   iterator begin() { return iterator(newest_.load(std::memory_order_acquire)); }
   iterator end() { return iterator(); }
   const_iterator begin() const { return const_iterator(newest_.load(std::memory_order_acquire)); }
@@ -153,7 +155,7 @@ class enumerable_thread_specific {
     return next.fetch_add(1, std::memory_order_relaxed);
   }
 
-  const std::uint64_t id_ = NewId();
+  std::uint64_t id_ = NewId();
   std::function<Node*(Node* next)> make_;
   std::atomic<Node*> newest_{nullptr};
 };
