@@ -379,8 +379,8 @@ TEST_F(EffectsTest, NeitherThreadsNorTheLeastMemoryLimitShow) {
         const std::unique_ptr<Cluster> cluster, StartCluster(dataset, 1, "cpu", [&] {
           std::vector<std::string> flags{"--threads", absl::StrCat(thread_count)};
           if (!expected.empty()) {
-            flags.insert(flags.end(), {"--memory-limit",
-                                       absl::StrCat(LimitMibFor(thread_count, least), "MiB")});
+            flags.insert(flags.end(),
+                         {"--memory-limit", absl::StrCat(LimitMibFor(thread_count, least), "MiB")});
           }
           return flags;
         }));
