@@ -490,7 +490,7 @@ class UnitReader final : public store::SampleReader {
   // The source may have vanished since it was opened, or be another one.
   [[nodiscard]] static absl::Status ReadBox(const OpenSource& source, const math::IndexBox& box,
                                             char* bytes, const base::Cancellation& cancellation) {
-    const absl::Status status = source.volume->ReadBox(box, bytes, cancellation);
+    absl::Status status = source.volume->ReadBox(box, bytes, cancellation);
     if (status.ok() || absl::IsCancelled(status) || absl::IsDeadlineExceeded(status) ||
         absl::IsResourceExhausted(status)) {
       return status;

@@ -342,6 +342,7 @@ class StoredArray final : public ChunkedArray {
                                            const base::Cancellation& cancellation,
                                            std::map<std::string, ShardIndex>* indexes) const {
     std::vector<ObjectRead> reads;
+    reads.reserve(keys.size());
     const std::int64_t size = shards_->index_bytes();
     for (const std::string& key : keys) {
       reads.push_back({.key = key,
