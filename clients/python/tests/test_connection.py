@@ -277,6 +277,61 @@ def test_a_forked_child_has_a_connection_of_its_own(client):
     assert done.stdout.strip() == "[True, True, True] True", done.stderr
 
 
+FORKS_TWICE = """
+import os, sys
+if sys.argv[3] == "grpc first":
+    import grpc
+    grpc.insecure_channel("unix:nobody").close()
+import isoscope
+
+dataset = isoscope.connect(sys.argv[1], token_file=sys.argv[2])["shells"]
+dataset.render(127.5, size=8)
+for _ in range(2):
+    child = os.fork()
+    if child == 0:
+        try:
+            dataset.render(127.5, size=8)
+            print("rendered", flush=True)
+        except isoscope.FailedPreconditionError as error:
+            print(error, flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "strategy", "can_call"),
+    [("isoscope first", None, True), ("grpc first", None, False), ("isoscope first", "epoll1", False)],
+)
+def test_no_child_shares_an_epoll_set_of_grpc_with_its_parent(client, first, strategy, can_call):
+    """Each took events of the other: half of the children waited for 5 or 10 s on a busy machine, and some failed."""
+    command = [sys.executable, "-c", FORKS_TWICE, client.address, client.token_file, first]
+    environment = {name: value for name, value in os.environ.items() if name != "GRPC_POLL_STRATEGY"}
+    if strategy:
+        environment["GRPC_POLL_STRATEGY"] = strategy
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 2, done.stdout + done.stderr
+    for line in lines:
+        assert line == "rendered" if can_call else "waits by epoll" in line, done.stdout
+
+
+EPOLL_SETS = """
+import os, sys
+import isoscope
+
+isoscope.connect(sys.argv[1], token_file=sys.argv[2])["shells"].render(127.5, size=8)
+links = [f"/proc/self/fd/{name}" for name in os.listdir("/proc/self/fd")]
+print(sum(os.readlink(link) == "anon_inode:[eventpoll]" for link in links if os.path.lexists(link)))
+"""
+
+
+def test_grpc_keeps_no_epoll_set_after_a_call(client):
+    command = [sys.executable, "-c", EPOLL_SETS, client.address, client.token_file]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "0", done.stdout + done.stderr
+
+
 FORKS_OFTEN = """
 import collections, os, sys
 import isoscope

@@ -8,11 +8,14 @@ then a parent that forked during a call hung.
 2. Afterwards each process makes a channel at its next call.
 3. If a channel stayed open, or gRPC's threads were there still, because of a call or of another channel, the child's
    calls are refused. Threads alone do not tell: on a busy machine a new one has not taken its name yet.
+4. gRPC never closes the epoll set of its first channel. A child that shared it would lose events to its parent, and so
+   would the parent. So gRPC waits by poll(2); a child of a process where it does not is refused.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import threading
 import time
@@ -22,6 +25,7 @@ from typing import Any
 
 import grpc
 
+from isoscope import _environment
 from isoscope._channel import Target
 from isoscope.errors import CancelledError, FailedPreconditionError
 
@@ -58,17 +62,17 @@ class ProcessChannel:
 
         Raises:
             CancelledError: the client is closed.
-            FailedPreconditionError: a call was at work when this process was forked.
+            FailedPreconditionError: this process was forked where gRPC could not follow; see the module's head.
         """
         with self._lock:
             if self._closed:
                 raise CancelledError(f"the client of {self._target.address} is closed")
             if self._channel is None or self._pid != os.getpid():
-                if _is_cut_off:
+                if _cut_off is not None:
                     raise FailedPreconditionError(
-                        f"process {os.getpid()} was forked while gRPC was at work, so it can't call "
-                        f"{self._target.address}: fork while no call is at work and no async client or other channel "
-                        "of gRPC is open, or start processes by multiprocessing's method 'spawn'"
+                        f"process {os.getpid()} was forked {_cut_off.when}, so it can't call "
+                        f"{self._target.address}: {_cut_off.advice}, or start processes by multiprocessing's method "
+                        "'spawn'"
                     )
                 # The parent's channel is left alone: its sockets and threads belong to the parent.
                 self._channel = self._make(self._target)
@@ -103,12 +107,29 @@ class ProcessChannel:
             return channel
 
 
+@dataclasses.dataclass(frozen=True)
+class _CutOff:
+    """Why gRPC can't work in a forked child, and what its user may do."""
+
+    when: str
+    advice: str
+
+
+_AT_WORK = _CutOff(
+    "while gRPC was at work",
+    "fork while no call is at work and no async client or other channel of gRPC is open",
+)
+_SHARED_EPOLL = _CutOff(
+    "from one whose gRPC waits by epoll, which a child would share",
+    "import isoscope before what makes channels of gRPC, and leave GRPC_POLL_STRATEGY unset",
+)
+
 # The channels of this process, for the fork handlers.
 _CHANNELS: weakref.WeakSet[ProcessChannel] = weakref.WeakSet()
-# Whether gRPC had threads when this process last forked.
-_was_at_work = False
-# Whether this process, or one before it, came from such a fork: its copy of gRPC can't work.
-_is_cut_off = False
+# What cuts off the child of this process's next fork: its copy of gRPC can't work.
+_cuts_off: _CutOff | None = None
+# What cut off this process, or one before it.
+_cut_off: _CutOff | None = None
 
 
 def _has_core_threads() -> bool:
@@ -117,6 +138,23 @@ def _has_core_threads() -> bool:
         for thread in os.listdir("/proc/self/task"):
             with contextlib.suppress(OSError), open(f"/proc/self/task/{thread}/comm") as name:
                 if name.read().strip() in _CORE_THREADS:
+                    return True
+    return False
+
+
+def _has_epoll_of_grpc() -> bool:
+    """Whether gRPC has an epoll set that a forked child would share. In doubt, as with another C library's set, True."""
+    if _environment.HAS_NO_EPOLL:
+        return False
+    with contextlib.suppress(OSError):
+        for descriptor in os.listdir("/proc/self/fd"):
+            with contextlib.suppress(OSError):
+                if os.readlink(f"/proc/self/fd/{descriptor}") != "anon_inode:[eventpoll]":
+                    continue
+                with open(f"/proc/self/fdinfo/{descriptor}") as info:
+                    # "tfd: 4 events: 80000001 data: 7f0c52a4e1c8 ...": gRPC's data are addresses, Python's descriptors.
+                    watched = [line.split() for line in info if line.startswith("tfd:")]
+                if any(int(words[5], 16) >> 32 not in (0, 0xFFFFFFFF) for words in watched):
                     return True
     return False
 
@@ -140,19 +178,22 @@ def _close_idle(channel: ProcessChannel) -> bool:
 
 def _before_fork() -> None:
     """Closes the channels without a call, and waits until gRPC has ended its threads."""
-    global _was_at_work
+    global _cuts_off
     channels = list(_CHANNELS)
     has_closed = [_close_idle(channel) for channel in channels]
     end = time.monotonic() + (_SHUTDOWN_SECONDS if any(has_closed) else 0)
     while (at_work := _has_core_threads()) and time.monotonic() < end:
         time.sleep(0.001)
-    _was_at_work = at_work or any(channel._is_open_here() for channel in channels)
+    if at_work or any(channel._is_open_here() for channel in channels):
+        _cuts_off = _AT_WORK
+    else:
+        _cuts_off = _SHARED_EPOLL if _has_epoll_of_grpc() else None
 
 
 def _in_child() -> None:
     """A thread that only the parent has may have held a lock, or made a call."""
-    global _is_cut_off
-    _is_cut_off = _is_cut_off or _was_at_work
+    global _cut_off
+    _cut_off = _cut_off or _cuts_off
     for channel in list(_CHANNELS):
         channel._lock = threading.Lock()
         channel._calls = 0
