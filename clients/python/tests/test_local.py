@@ -145,6 +145,23 @@ def test_an_array_is_served_in_its_order(programs):
         assert client["mask"].range == (0, 1)
 
 
+@pytest.mark.parametrize(
+    "how, words",
+    [
+        ({"spacing": 2.0}, "spacing 2.0: must be three finite numbers above 0"), ({"spacing": (1, -1, 1)}, "above 0"),
+        ({"spacing": (1, 0, 1)}, "above 0"), ({"spacing": "1,2,3"}, "spacing '1,2,3'"), ({"spacing": (1, None, 1)}, "None"),
+        ({"origin": (0, 0)}, "origin .*three finite numbers"), ({"origin": (0, 0, float("nan"))}, "origin .*finite"),
+        ({"direction": [[0, 1, 0], [1, 0, 0]]}, "direction .*3 x 3"), ({"direction": [[1], [0, 1]]}, "direction .*3 x 3"),
+        ({"axes": ["Z", "Y", "X"]}, "axes .*must be text"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("source", [np.zeros((3, 3, 3)), {"p": np.zeros((3, 3, 3))}, "head.nrrd"])
+def test_numbers_that_place_no_grid_are_refused_with_what_is_expected(programs, source, how, words):
+    """A dict of arrays took a negative spacing, and an array the sentence of a flag."""
+    with pytest.raises(InvalidArgumentError, match=words):
+        isoscope.serve(source, **how)
+
+
 def test_a_files_positions_can_be_given(run, tmp_path):
     volume = tmp_path / "shells.nrrd"
     run("generate", "shells", "--dims", "12,12,12", "--type", "uint8", "--output", volume)
@@ -227,6 +244,27 @@ def test_the_server_ends_with_the_process_that_started_it(programs, folder, how)
         return False
 
     assert wait_until(is_gone)
+
+
+@pytest.mark.parametrize("when", ["writing", "served"])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_no_temporary_files_outlive_a_process_that_is_killed(programs, tmp_path, when, how):
+    """A kernel is killed so. The samples stayed: 27 GB of an array of dask."""
+    code = (
+        "import isoscope, numpy, time\n"
+        "def note(done, total):\n"
+        + ("    print('writing', flush=True)\n    time.sleep(60)\n" if when == "writing" else "    pass\n")
+        + "client = isoscope.serve(numpy.zeros((4, 4, 4)), progress=note)\n"
+        "print('served', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout.readline().strip() == when and list(tmp_path.glob("isoscope-*"))
+    process.send_signal(how)
+    process.wait(60)
+    process.stdout.close()
+    assert wait_until(lambda: not list(tmp_path.glob("isoscope-*")))
 
 
 def test_an_interrupt_of_the_notebook_leaves_the_server_alone(programs, folder):

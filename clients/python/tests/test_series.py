@@ -246,10 +246,14 @@ def test_arrays_with_times_become_a_file_for_each_step(tmp_path):
 
 def test_arrays_without_times_become_one_file(tmp_path):
     mask = np.arange(24).reshape(2, 3, 4) % 2 == 0
-    made = _series_files.as_series({"mask": mask, "level": np.ones((2, 3, 4))}, None, False)
+    half = np.arange(24).reshape(2, 3, 4).astype(">f2") / 7
+    made = _series_files.as_series({"mask": mask, "half": half, "level": np.ones((2, 3, 4))}, None, False)
     path = _series_files.write(made, tmp_path)
     assert made.times is None and path.suffix == ".vti"
-    assert (read_vti(path)[1]["mask"] == mask.ravel()).all()
+    arrays = read_vti(path)[1]
+    assert (arrays["mask"] == mask.ravel()).all() and arrays["mask"].dtype == np.uint8
+    assert (arrays["half"] == half.ravel()).all() and arrays["half"].dtype == np.float32
+    assert (arrays["level"] == 1).all()
 
 
 @pytest.mark.parametrize(
@@ -278,6 +282,8 @@ def test_the_axes_are_steps_grid_and_where_it_is_said_components(shape, times, v
         ({"a": np.zeros((2, 3, 3, 3))}, {"times": [1, 1]}, "ascending"),
         ({"a": np.zeros((2, 3, 3, 3))}, {"times": [1, np.nan]}, "finite"),
         ({"a": np.zeros((2, 3, 3, 3))}, {"times": "ab"}, "must be numbers"),
+        ({"a": np.zeros((2, 3, 3, 3))}, {"times": np.array([0, 1], "M8[h]")}, "must be numbers.*timedelta64"),
+        ({"a": np.zeros((3, 3, 3))}, {"units": ["m"]}, "units .*dict of texts"), ({"a": np.zeros((3, 3, 3))}, {"units": 3}, "units 3"),
         ({"a": np.zeros((3, 3, 3))}, {"units": {"b": "m"}}, "units names 'b'"),
         ({"a": np.zeros((3, 3, 3))}, {"units": "\n"}, "units '..'"), ({"a": np.zeros((3, 3, 3))}, {"time_unit": 3}, "time_unit 3"),
     ],

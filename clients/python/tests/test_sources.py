@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import re
 import struct
+import types
 import warnings
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import isoscope
 import skips
+from isoscope import _series_files
 from isoscope._serving import netcdf_file, progress, samples
 from isoscope._serving.netcdf_file import Variable
 from isoscope.errors import InvalidArgumentError, ProgramError
@@ -161,6 +163,23 @@ def test_a_chunk_of_another_type_or_shape_than_the_array_says_is_refused(tmp_pat
         wrong.shape, wrong.chunks = (2, 3, 5), [[2], [3], [5]]
         with pytest.raises(InvalidArgumentError, match=r"have the shape \(2, 3, 4\), .* promises \(2, 3, 5\)"):
             samples.write_samples(file, wrong, np.dtype("<f8"))
+
+
+def test_samples_beyond_the_disk_take_nothing_of_it(monkeypatch, tmp_path):
+    """Some file systems take all that is left before they refuse, and other programs fail meanwhile."""
+    monkeypatch.setattr(
+        samples.os, "statvfs", lambda folder: types.SimpleNamespace(f_bfree=2, f_frsize=50, f_blocks=10)
+    )
+    monkeypatch.setattr(samples.os, "posix_fallocate", lambda *_: pytest.fail("the disk was asked"))
+    lazy = Lazy(np.zeros((2, 3, 4)), [[2], [3], [4]])
+    with open(tmp_path / "samples", "w+b") as file:
+        with pytest.raises(isoscope.ResourceExhaustedError, match=f"192 bytes .* {tmp_path}: 100 bytes are free.*TMPDIR"):
+            samples.write_samples(file, lazy, np.dtype("<f8"))
+    two = {"u": lazy.array[:, :, :2], "v": lazy.array[:, :, :2]}  # each of them has room
+    with pytest.raises(isoscope.ResourceExhaustedError, match="192 bytes"):
+        _series_files.write(_series_files.as_series(two, None, False), tmp_path)
+    with pytest.raises(isoscope.ResourceExhaustedError, match="192 bytes"):
+        netcdf_file.write(tmp_path / "u.nc", {"x": 12}, [Variable(name, ("x",), np.zeros(12)) for name in "uv"])
 
 
 def test_samples_without_room_are_refused_before_they_are_computed(monkeypatch, tmp_path):
@@ -367,6 +386,9 @@ def test_dimensions_that_nothing_explains_are_named_and_can_be_told(programs, xa
     array = xarray.DataArray(np.zeros((2, 3, 4, 5), np.float32), dims=("run", "z", "y", "x"), name="u")
     with pytest.raises(ProgramError, match="run"):
         isoscope.serve(array)
+    with pytest.raises(ProgramError, match="as in axes='ZCTYX'$") as caught:
+        isoscope.serve(array.rename(z="time", run="number").expand_dims(z=4))
+    assert "--" not in str(caught.value) and "`" not in str(caught.value)
     with isoscope.serve(array, axes="TZYX") as client:
         assert client.dataset().times.tolist() == [0, 1] and client.dataset().dims == (5, 4, 3)
 
@@ -448,7 +470,40 @@ def test_samples_of_other_types_are_refused_with_their_type(xarray, tmp_path, dt
     assert str(shown) in str(caught.value)
 
 
-@pytest.mark.parametrize("dtype", ["datetime64[ns]", "complex64", "U3", "longdouble"])
+def test_limits_of_packed_values_do_not_hide_those_of_a_mean(programs, xarray):
+    """xarray keeps the limits, of integers, and forgets how the values were packed."""
+    values = np.linspace(-1, 4, 27, dtype=np.float32).reshape(3, 3, 3)
+    array = xarray.DataArray(values, dims=("z", "y", "x"), attrs={"valid_range": np.array([0, 100], np.int16)})
+    with isoscope.serve(array) as client:
+        assert client.dataset().range == (-1, 4)
+    array.encoding["dtype"] = np.dtype("int16")  # as they were stored, but for a fill value
+    with isoscope.serve(array) as client:
+        assert client.dataset().range[0] >= 0
+    array.attrs["valid_range"], array.encoding = [0.5, 3.0], {}
+    with isoscope.serve(array) as client:
+        assert 0.5 <= client.dataset().range[0] and client.dataset().range[1] <= 3
+
+
+def test_open_files_of_other_packages_are_not_read_into_memory(tmp_path):
+    h5py = needs("h5py")
+    with h5py.File(tmp_path / "u.h5", "w") as file:
+        file["u"] = np.zeros((3, 3, 3))
+        for source in (file, file["u"]):
+            with pytest.raises(InvalidArgumentError, match=r"source is a h5py\..*by its path.*'run.h5:p'"):
+                isoscope.serve(source)
+
+
+@pytest.mark.parametrize(
+    "dtype, words", [([("a", "f4"), ("b", "f4")], r"\{'a': array\['a'\]\}"), (complex, r"abs\(array\)")]
+)
+def test_types_of_several_numbers_are_refused_with_how_to_serve_one(programs, dtype, words):
+    array = np.zeros((3, 3, 3), dtype)
+    for source in (array, {"u": array}):
+        with pytest.raises(InvalidArgumentError, match=words):
+            isoscope.serve(source)
+
+
+@pytest.mark.parametrize("dtype", ["datetime64[ns]", "U3", "longdouble"])
 def test_arrays_of_other_types_are_refused_with_their_type(programs, dtype):
     array = np.zeros((3, 3, 3), dtype)
     for source in (array, {"u": array}):

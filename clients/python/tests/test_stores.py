@@ -238,6 +238,14 @@ def test_a_dict_of_arrays_of_zarr_is_not_read_into_memory(zarr):
         isoscope.serve({"p": zarr.array(VALUES)})
 
 
+def test_a_store_itself_is_refused_with_what_opens_it(zarr):
+    """It was taken for a dict of arrays, whose keys have types that are none of numbers."""
+    store = {}
+    zarr.array(VALUES, store=zarr.storage.KVStore(store), overwrite=True)
+    with pytest.raises(InvalidArgumentError, match=r"a dict, a store of zarr: give zarr.open\(store\)"):
+        isoscope.serve(store)
+
+
 def test_what_a_store_says_itself_is_not_said_twice(zarr, programs):
     for source in (zarr.array(VALUES), "s3://bucket/not-asked.nrrd"):
         with pytest.raises(InvalidArgumentError, match="a file or a store has its own"):
@@ -412,6 +420,7 @@ def test_a_file_of_fsspec_is_copied_in_blocks(memory, picture, tmp_path, monkeyp
     assert served(fsspec.open(str(tmp_path / "v.npy")))[1] == picture
     (tmp_path / "v w.npy").write_bytes((tmp_path / "v.npy").read_bytes())
     assert served((tmp_path / "v w.npy").as_uri())[1] == picture
+    assert served(f"file://localhost{tmp_path}/v.npy")[1] == picture
 
 
 def test_wrong_addresses_are_named(programs, memory):
@@ -421,6 +430,13 @@ def test_wrong_addresses_are_named(programs, memory):
         isoscope.serve("nope://x.npy")
     with pytest.raises(InvalidArgumentError, match="w: there is no such file"):
         isoscope.serve("memory://w")
+    with pytest.raises(InvalidArgumentError, match="/w.zarr: there is no such store"):
+        isoscope.serve(needs("fsspec").get_mapper("memory://w.zarr"))
+    # fsspec opens the first of several files.
+    for name in "ab":
+        memory.pipe_file(f"/steps/{name}.npy", b"")
+    with pytest.raises(InvalidArgumentError, match="/steps/\\*.npy: a pattern"):
+        isoscope.serve("memory://steps/*.npy")
     memory.pipe_file("/u.nrrd", b"NRRD0004\nno header")
     with pytest.raises(ProgramError, match="isoscope partition failed") as caught:
         isoscope.serve("memory://u.nrrd")

@@ -39,6 +39,29 @@ absl::Status ListError(const std::string& path, absl::string_view what) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": list of time steps: ", what));
 }
 
+// Returns whether brackets of a JSON text, outside of its strings, are nested more than `most` deep.
+//
+// A callback of the parser would know it too, but makes it look through a whole list after each element.
+bool IsDeeperThan(absl::string_view text, int most) {
+  bool is_in_string = false;
+  int depth = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (is_in_string) {
+      i += c == '\\' ? 1 : 0;
+      is_in_string = c != '"';
+      continue;
+    }
+    is_in_string = c == '"';
+    depth += c == '{' || c == '[' ? 1 : 0;
+    depth -= c == '}' || c == ']' ? 1 : 0;
+    if (depth > most) {
+      return true;
+    }
+  }
+  return false;
+}
+
 bool IsStepName(const std::string& name) {
   return absl::EndsWithIgnoreCase(name, ".vti") || absl::EndsWithIgnoreCase(name, ".pvti") ||
          absl::EndsWithIgnoreCase(name, ".vtr");
@@ -100,15 +123,12 @@ bool IsVtkStepList(const std::string& path) { return absl::EndsWithIgnoreCase(pa
 
 absl::StatusOr<std::vector<PvdStep>> ReadVtkStepList(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, io::ReadWholeFile(path, kMaxListBytes));
-  bool is_deep = false;
-  const auto check_depth = [&](int depth, ListJson::parse_event_t /*event*/, ListJson& /*parsed*/) {
-    is_deep = is_deep || depth > kMaxListDepth;
-    return !is_deep;
-  };
-  const ListJson list = ListJson::parse(text.begin(), text.end(), check_depth,
-                                        /*allow_exceptions=*/false);
+  const bool is_deep = IsDeeperThan(text, kMaxListDepth);
+  const ListJson list = is_deep ? ListJson()
+                                : ListJson::parse(text.begin(), text.end(), /*cb=*/nullptr,
+                                                  /*allow_exceptions=*/false);
   const auto files = list.is_object() ? list.find("files") : list.end();
-  if (is_deep || !list.is_object() || files == list.end() || !files->is_array()) {
+  if (!list.is_object() || files == list.end() || !files->is_array()) {
     return ListError(path, "no JSON with an array \"files\": damaged, or no list of ParaView");
   }
   const auto version = list.find("file-series-version");

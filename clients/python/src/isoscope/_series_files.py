@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isoscope._serving.progress import Progress
-from isoscope._serving.samples import AnyArray, as_array, write_samples
+from isoscope._serving.samples import AnyArray, as_array, check_room, write_samples
 from isoscope.errors import InvalidArgumentError
 
 #: VTK's names of the types of samples.
@@ -29,6 +29,23 @@ _VTK_TYPES = {
     "uint8": "UInt8", "int8": "Int8", "uint16": "UInt16", "int16": "Int16", "uint32": "UInt32", "int32": "Int32",
     "uint64": "UInt64", "int64": "Int64", "float32": "Float32", "float64": "Float64",
 }  # fmt: skip
+# Types that are converted, as each of their values is one of the other type.
+_EXACT = {"bool": "uint8", "float16": "float32"}
+
+
+def stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Returns the type of samples in a file."""
+    return np.dtype(_EXACT.get(dtype.name, dtype))
+
+
+def advice_for(dtype: np.dtype[Any]) -> str:
+    """Returns what to do with an array of a type that is not taken."""
+    if dtype.names:
+        first = dtype.names[0]
+        return f"serve its fields, as in {{{first!r}: array[{first!r}]}}"
+    if dtype.kind == "c":
+        return "serve what is meant of it, such as abs(array) or {'re': array.real, 'im': array.imag}"
+    return "convert it with array.astype(...)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +100,9 @@ def as_series(
     for name in with_components:
         if name not in named:
             raise InvalidArgumentError(f"vectors names {name!r}: the arrays are {', '.join(map(repr, named))}")
-    unit_of = dict.fromkeys(named, units) if units is None or isinstance(units, str) else dict(units)
+    if not (units is None or isinstance(units, (str, Mapping))):
+        raise InvalidArgumentError(f"units {units!r}: must be text, or a dict of texts by name, {{'p': 'Pa'}}")
+    unit_of = dict(units) if isinstance(units, Mapping) else dict.fromkeys(named, units)
     for name in unit_of:
         if name not in named:
             raise InvalidArgumentError(f"units names {name!r}: the arrays are {', '.join(map(repr, named))}")
@@ -112,12 +131,10 @@ def as_series(
 def _checked(name: str, samples: AnyArray, has_components: bool) -> AnyArray:
     if not isinstance(name, str) or not name or not name.isprintable() or ":" in name:
         raise InvalidArgumentError(f"field name {name!r}: must be text to print, not empty, without a colon")
-    if samples.dtype == np.bool_:
-        samples = samples.view(np.uint8)
-    if samples.dtype.name not in _VTK_TYPES:
+    if stored_type(samples.dtype).name not in _VTK_TYPES:
         raise InvalidArgumentError(
-            f"field {name!r} is of {samples.dtype.name}: must be one of {', '.join(_VTK_TYPES)}; convert it with "
-            "array.astype(...)"
+            f"field {name!r} is of {samples.dtype.name}: must be one of {', '.join((*_VTK_TYPES, *_EXACT))}; "
+            f"{advice_for(samples.dtype)}"
         )
     shapes = "(z, y, x, c) or (t, z, y, x, c)" if has_components else "(z, y, x) or (t, z, y, x)"
     axes = samples.ndim - has_components
@@ -138,7 +155,9 @@ def _checked_times(times: Sequence[float] | None, count: int) -> tuple[float, ..
     try:
         values = tuple(float(time) for time in times)
     except (TypeError, ValueError) as error:
-        raise InvalidArgumentError(f"times {times!r}: must be numbers") from error
+        raise InvalidArgumentError(
+            f"times {times!r}: must be numbers, such as those of hours, (times - times[0]) / numpy.timedelta64(1, 'h')"
+        ) from error
     if len(values) != count:
         raise InvalidArgumentError(f"times has {len(values)} values, and the arrays have {count} steps")
     if not all(map(math.isfinite, values)) or any(b <= a for a, b in zip(values, values[1:])):
@@ -155,8 +174,10 @@ def write(
     progress: Progress | None = None,
 ) -> pathlib.Path:
     """Writes the files into a folder that is there; returns the one that names all of it."""
+    total = sum(map(_size_of, (one.samples for one in series.fields)))
+    check_room(folder, total)
     if progress is not None:
-        progress.total = sum(one.samples.nbytes for one in series.fields)
+        progress.total = total
     paths = []
     for step in range(len(series.fields[0].samples)):
         path = folder / f"step-{step:05d}.vti"
@@ -175,6 +196,10 @@ def write(
         encoding="utf-8",
     )
     return listing
+
+
+def _size_of(samples: AnyArray) -> int:
+    return int(stored_type(samples.dtype).itemsize) * math.prod(map(int, samples.shape))
 
 
 def _numbers(values: Sequence[float] | None, name: str, default: float) -> str:
@@ -198,13 +223,13 @@ def _write_step(
     parts = [one.samples[step] for one in series.fields]
     for one, samples in zip(series.fields, parts):
         arrays += (
-            f'        <DataArray type="{_VTK_TYPES[samples.dtype.name]}" Name={quoteattr(one.name)} '
+            f'        <DataArray type="{_VTK_TYPES[stored_type(samples.dtype).name]}" Name={quoteattr(one.name)} '
             f'NumberOfComponents="{one.component_count}" format="appended" offset="{offset}">'
         )
         if one.unit:
             arrays += f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(one.unit)}</InformationKey>'
         arrays += "</DataArray>\n"
-        offset += 8 + samples.nbytes
+        offset += 8 + _size_of(samples)
     header = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
@@ -216,6 +241,6 @@ def _write_step(
     with open(path, "w+b") as file:
         file.write(header.encode("utf-8"))
         for samples in parts:
-            file.write(struct.pack("<Q", samples.nbytes))
-            write_samples(file, samples, samples.dtype.newbyteorder("<"), progress)
+            file.write(struct.pack("<Q", _size_of(samples)))
+            write_samples(file, samples, stored_type(samples.dtype).newbyteorder("<"), progress)
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")

@@ -15,8 +15,8 @@ import json
 import math
 import os
 import pathlib
+import re
 import secrets
-import shutil
 import subprocess
 import tempfile
 import warnings
@@ -33,7 +33,7 @@ from isoscope._channel import DEFAULT_TIMEOUT
 from isoscope._serving import stores, xarray_source
 from isoscope._serving.gateway import LocalGateway
 from isoscope._serving.progress import Progress
-from isoscope._serving.programs import KeptProgram, find_program, last_line
+from isoscope._serving.programs import KeptProgram, ScratchFolder, find_program, last_line
 from isoscope._serving.samples import as_array, is_dask, write_samples
 from isoscope.client import Client, connect
 from isoscope.errors import InvalidArgumentError, ProgramError
@@ -132,12 +132,13 @@ def serve(
     """
     _check_source(source)
     program = find_program()
-    server = _Server()
     wanted = _Wanted(
         name=name, folder=folder, spacing=spacing, origin=origin, direction=direction, times=times, vectors=vectors,
         units=units, time_unit=time_unit, length_unit=length_unit, dims=dims, dtype=dtype, axes=axes, resample=resample,
         shards=shards, progress=progress,
     )  # fmt: skip
+    _check_grid(wanted)
+    server = _Server()
     try:
         volume, fields = _volume(program, source, server, wanted)
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
@@ -160,7 +161,14 @@ def serve(
 
 def _check_source(source: Any) -> None:
     """Refuses a source of a type that is not taken, and says what is."""
+    if type(source).__module__.partition(".")[0] in ("h5py", "netCDF4"):
+        raise InvalidArgumentError(
+            f"source is a {_type_name(source)}: serve its file by its path, 'run.h5', or one array of it, 'run.h5:p'; it "
+            "is read in parts"
+        )
     if isinstance(source, Mapping) and not xarray_source.is_xarray(source) and not stores.is_store(source):
+        if any(key in source for key in (".zarray", ".zgroup", "zarr.json")):
+            raise InvalidArgumentError(f"source is a {_type_name(source)}, a store of zarr: give zarr.open(store)")
         for name, values in source.items():
             if xarray_source.is_xarray(values):
                 raise InvalidArgumentError(
@@ -232,6 +240,28 @@ class _Wanted:
         return [name for name in names if getattr(self, name) is not None and getattr(self, name) is not False]
 
 
+def _check_grid(wanted: _Wanted) -> None:
+    """Refuses numbers that place no grid, with what is expected."""
+    shapes = {"spacing": (3,), "origin": (3,), "direction": (3, 3)}
+    meanings = {
+        "spacing": "three finite numbers above 0, along x, y and z", "origin": "three finite numbers, of x, y and z",
+        "direction": "3 x 3 finite numbers, whose columns are the directions of x, y and z",
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        value = getattr(wanted, name)
+        if value is None:
+            continue
+        try:
+            numbers = np.asarray(value)
+            is_grid = numbers.dtype.kind in "iuf" and numbers.shape == shape and bool(np.isfinite(numbers).all())
+        except ValueError:
+            is_grid = False  # rows of different lengths
+        if not is_grid or (name == "spacing" and min(numbers) <= 0):
+            raise InvalidArgumentError(f"{name} {value!r}: must be {meanings[name]}")
+    if wanted.axes is not None and not isinstance(wanted.axes, str):
+        raise InvalidArgumentError(f"axes {wanted.axes!r}: must be text, the slowest axis first, such as 'TZYX'")
+
+
 @dataclass(frozen=True, eq=False)
 class _Source:
     """A file or folder for `isoscope`, and what its flags say of it.
@@ -291,10 +321,17 @@ def _volume(program: str, source: Any, server: _Server, wanted: _Wanted) -> tupl
         if made.is_own:
             # The path means nothing to the caller, who gave an array or an address.
             for path in (made.path, made.path.partition(":")[0]):
-                said = said.replace(path + ":", "").replace(path, "the source")
-            said = said.replace("--resample", "resample=True")
-        raise ProgramError(f"isoscope partition failed: {said}")
+                said = said.replace(path + ": ", "").replace(path + ":", "").replace(path, "the source")
+        raise ProgramError(f"isoscope partition failed: {_in_python(said)}")
     return [os.fspath(folder)], made.fields
+
+
+def _in_python(said: str) -> str:
+    """Returns a sentence of the program with the arguments of `serve` in place of its flags."""
+    said = re.sub(r"`isoscope \w+ [^`]*?--axes ([A-Z0-9-]+)[^`]*`", r"axes='\1'", said)
+    said = said.replace("--resample", "resample=True").replace(" (see 'isoscope partition --help')", "")
+    said = re.sub(r"--(spacing|origin) X,Y,Z", r"\1=(x, y, z)", said)
+    return re.sub(r"--(spacing|origin|direction|axes|shards)\b", r"\1", said)
 
 
 def _flags(made: _Source, wanted: _Wanted) -> list[str]:
@@ -371,7 +408,7 @@ def _sample_type(array: Any) -> np.dtype[Any]:
     if name not in _NUMPY_TYPES:
         raise InvalidArgumentError(
             f"array of {array.dtype.name}: must be one of {', '.join((*_NUMPY_TYPES, 'int64', 'uint64', *_EXACT))}; "
-            "convert it with array.astype(...)"
+            f"{_series_files.advice_for(array.dtype)}"
         )
     return np.dtype(name)
 
@@ -423,15 +460,15 @@ class _Server:
     def __init__(self) -> None:
         self._pid = os.getpid()
         self._program: KeptProgram | None = None
-        self._scratch: str | None = None
+        self._scratch: ScratchFolder | None = None
         self.gateway: LocalGateway | None = None
         atexit.register(self.close)
 
     def scratch(self) -> str:
-        """Returns a folder that goes when this is closed."""
+        """Returns a folder that goes when this is closed, and when its process is killed."""
         if self._scratch is None:
-            self._scratch = tempfile.mkdtemp(prefix="isoscope-")
-        return self._scratch
+            self._scratch = ScratchFolder()
+        return self._scratch.path
 
     def make_token(self) -> tuple[str, str]:
         """Makes a token; returns the file with it, and the one with its digest, for the server."""
@@ -452,7 +489,7 @@ class _Server:
         self._program = KeptProgram(command, pathlib.Path(self.scratch(), "server.log"))
         address = self._program.first_line()
         if not address:
-            raise ProgramError(f"isoscope serve failed: {last_line(self._program.log_text())}")
+            raise ProgramError(f"isoscope serve failed: {_in_python(last_line(self._program.log_text()))}")
         return address
 
     def close(self) -> None:
@@ -467,4 +504,4 @@ class _Server:
             program.close()
         scratch, self._scratch = self._scratch, None
         if scratch is not None:
-            shutil.rmtree(scratch, ignore_errors=True)
+            scratch.close()

@@ -23,7 +23,7 @@ from typing import Any, Union
 import numpy as np
 
 from isoscope._serving.progress import Progress
-from isoscope._serving.samples import AnyArray, write_samples
+from isoscope._serving.samples import AnyArray, check_room, write_samples
 
 _DIMENSIONS, _VARIABLES, _ATTRIBUTES = 10, 11, 12
 _TEXT = 2
@@ -62,8 +62,10 @@ def write(
     progress: Progress | None = None,
 ) -> None:
     """Writes the file. Each dimension of a variable is one of `dimensions`, of that length."""
+    total = sum(map(_size_of, variables))
+    check_room(path.parent, total)
     if progress is not None:
-        progress.total = sum(map(_size_of, variables))
+        progress.total = total
     # The offsets have the same size, whatever they are.
     begin = len(_header(dimensions, variables, [0] * len(variables)))
     begins = []

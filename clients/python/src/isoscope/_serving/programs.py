@@ -1,4 +1,7 @@
-"""The programs of this machine: where they are, and one that runs as long as this process and its owner live."""
+"""The programs of this machine: where they are, and one that runs as long as this process and its owner live.
+
+Likewise a folder of temporary files, which goes however this process ends.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import pathlib
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 
@@ -29,6 +33,15 @@ while kill -0 $child 2>/dev/null; do wait $child; status=$?; done
 # Its number may soon be another program's.
 kill $watcher 2>/dev/null
 exit $status
+"""
+# Removes a folder when this process closes its end of the pipe. A program that still writes there soon fails.
+_CLEANER = """
+trap '' TERM INT HUP
+read -r line
+for attempt in 1 2 3 4 5 6 7 8; do
+  rm -rf -- "$1" 2>/dev/null && exit
+  sleep 1
+done
 """
 _END_SECONDS = 15.0
 _POLL_SECONDS = 0.02
@@ -155,3 +168,38 @@ class KeptProgram:
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
+
+
+class ScratchFolder:
+    """A folder of temporary files that goes when this is closed, and with this process, even if that is killed.
+
+    Only the process that made it removes it.
+
+    Attributes:
+        path: of the folder.
+    """
+
+    def __init__(self) -> None:
+        self._pid = os.getpid()
+        self.path = tempfile.mkdtemp(prefix="isoscope-")
+        try:
+            self._cleaner: subprocess.Popen[bytes] | None = subprocess.Popen(
+                ["/bin/sh", "-c", _CLEANER, "isoscope-scratch", self.path],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        except BaseException:
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise
+
+    def close(self) -> None:
+        """Removes the folder. Any number of times."""
+        if os.getpid() != self._pid or self._cleaner is None:
+            return
+        cleaner, self._cleaner = self._cleaner, None
+        shutil.rmtree(self.path, ignore_errors=True)
+        if cleaner.stdin is not None:
+            cleaner.stdin.close()
+        cleaner.wait()

@@ -128,6 +128,8 @@ def write_samples(file: IO[bytes], samples: AnyArray, dtype: np.dtype[Any], prog
     begin = file.tell()
     shape = tuple(map(int, samples.shape))
     size = math.prod(shape) * dtype.itemsize
+    # A file system may take all that is left before it finds that this is not enough, and others fail meanwhile.
+    check_room(os.path.dirname(str(file.name)), size)
     try:
         can_map = _reserve(file, begin, size)
         if isinstance(samples, np.ndarray):
@@ -145,11 +147,29 @@ def write_samples(file: IO[bytes], samples: AnyArray, dtype: np.dtype[Any], prog
     except OSError as error:
         if error.errno not in _NO_ROOM:
             raise
-        raise ResourceExhaustedError(
-            f"{size} bytes of samples do not fit into {os.path.dirname(str(file.name))}: {error.strerror}; make room, "
-            "or name another folder by the variable TMPDIR"
-        ) from error
+        raise _no_room(os.path.dirname(str(file.name)), size, error.strerror) from error
     file.seek(begin + size)
+
+
+def check_room(folder: str | os.PathLike[str], size: int) -> None:
+    """Refuses what is larger than the free room of the disk.
+
+    Raises:
+        ResourceExhaustedError: there is less room.
+    """
+    if not hasattr(os, "statvfs"):
+        return
+    disk = os.statvfs(folder)
+    free = disk.f_bfree * disk.f_frsize
+    if disk.f_blocks and size > free:  # some file systems do not count
+        raise _no_room(folder, size, f"{free} bytes are free")
+
+
+def _no_room(folder: str | os.PathLike[str], size: int, why: str | None) -> ResourceExhaustedError:
+    return ResourceExhaustedError(
+        f"{size} bytes of samples do not fit into {os.fspath(folder)}: {why}; make room, or name another folder by the "
+        "variable TMPDIR"
+    )
 
 
 def _reserve(file: IO[bytes], begin: int, size: int) -> bool:

@@ -289,7 +289,7 @@ def _located_address(
     address: str, opener: Opener, scratch: Callable[[], pathlib.Path], progress: Progress
 ) -> Located:
     if address.startswith("file://"):
-        path = address[len("file://") :]
+        path = re.sub("^localhost(?=/)", "", address[len("file://") :])
         return Located(path if os.path.exists(path) else urllib.parse.unquote(path), False)
     if opener.can_open(address):
         return Located(address, False)
@@ -310,6 +310,11 @@ def _located_address(
         ) from error
     except ValueError as error:
         raise InvalidArgumentError(f"{name}: {printable(str(error))}") from error
+    if "*" in path:  # fsspec would open the first of the files
+        raise InvalidArgumentError(
+            f"{name}: a pattern of files at an address is not read: give one file, or copy them and give the pattern of "
+            "the copies"
+        )
     if is_store_of_zarr:
         files = _Files(system, path)
         if any(files.read(key) is not None for key in ("zarr.json", ".zgroup", ".zarray", ".zmetadata")):
@@ -614,6 +619,8 @@ def _names_in(objects: _Objects, key: str) -> list[str]:
     if names is None:
         try:
             names = list(objects.children(key))
+        except FileNotFoundError as error:
+            raise InvalidArgumentError(f"{objects.name}: there is no such store of zarr") from error
         except (OSError, NotImplementedError, ValueError) as error:
             raise InvalidArgumentError(
                 f"{objects.name}: it can't be listed ({printable(str(error))}), and has no consolidated metadata: name "

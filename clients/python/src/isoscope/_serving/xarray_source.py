@@ -183,13 +183,17 @@ def _coordinate(name: Any, variable: Any) -> Variable:
 def _attributes(variable: Any, names: Sequence[str]) -> dict[str, Attribute]:
     """Returns those of an array that mean something to the reader.
 
-    Limits are of values as they are stored: of an array that xarray has unpacked they mean nothing any more.
+    Limits are of values as they are stored: of an array that xarray has unpacked they mean nothing any more. Sums and
+    means of such an array may have kept its attributes, but not how it was stored: limits of integers give it away.
     """
     found: dict[str, Attribute] = {}
     is_unpacked = any(name in variable.encoding for name in _SCALES)
+    is_derived = "dtype" not in variable.encoding and variable.dtype.kind == "f"
     for name in names:
         value = variable.attrs.get(name)
         if value is None or (is_unpacked and name in _LIMITS):
+            continue
+        if is_derived and name in _LIMITS and getattr(value, "dtype", np.dtype(float)).kind in "iu":
             continue
         if isinstance(value, str):
             if name in _TEXTS:

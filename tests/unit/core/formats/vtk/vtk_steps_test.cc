@@ -18,6 +18,7 @@
 namespace isoscope::source {
 namespace {
 
+using ::isoscope::testing::IsOk;
 using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::VtiBytes;
@@ -103,6 +104,18 @@ TEST_F(VtkStepsTest, OtherListsAreRefused) {
                 StatusIs(kInvalid, HasSubstr(message)))
         << text.substr(0, 100);
   }
+  // Each element once: a parser that looks through the list for each of them needs hours.
+  std::string many = "{}";
+  for (int i = 1; i < 1'000'000; ++i) {
+    many += ",{}";
+  }
+  EXPECT_THAT(ReadVtkStepList(Write("run.vti.series", ListOf(many))),
+              StatusIs(kInvalid, HasSubstr("1000000 files; expected 1 to 100000")));
+  // Brackets of names are no lists.
+  const std::string brackets(50, '[');
+  EXPECT_THAT(ReadVtkStepList(Write("run.vti.series", ListOf(absl::StrCat("{\"name\": \"\\\"",
+                                                                          brackets, "a.vti\"}")))),
+              IsOk());
   const std::string path = Write("run.vti.series", ListOf("{\"name\": \"none.vti\"}"));
   EXPECT_THAT(OpenVolumeSeries(path), StatusIs(kNotFound, HasSubstr("none.vti")));
 }
