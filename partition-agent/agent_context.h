@@ -10,6 +10,7 @@
 #include "core/base/trace_recorder.h"
 #include "core/render/renderer.h"
 #include "partition-agent/agent_server.h"
+#include "partition-agent/begun_frames.h"
 #include "partition-agent/memory/agent_metrics.h"
 #include "partition-agent/memory/agent_resources.h"
 #include "partition-agent/opening.h"
@@ -48,6 +49,7 @@ struct AgentContext {
 
   const AgentServerOptions options;
   Opening opening;
+  BegunFrames begun;
   ShardDamages damages;
   ShardSet shards;
   const std::unique_ptr<render::Renderer> cpu_renderer;  // null if options.renderer is one

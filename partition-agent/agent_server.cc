@@ -6,7 +6,8 @@
 //      caller settle its memory, and serves. Health turns to SERVING.
 //
 // Start opens before it listens, so nobody sees it without its shards. AnnounceDrain and Shutdown
-// turn health to NOT_SERVING first, so that the coordinator sends no more frames.
+// turn health to NOT_SERVING first, so that the coordinator sends no more frames. Shutdown first waits
+// for the frames that have begun while the server takes their calls (begun_frames.h).
 
 #include "partition-agent/agent_server.h"
 
@@ -293,7 +294,9 @@ class AgentServerImpl final : public AgentServer {
       is_stopping_ = true;
       SetServing();
     }
-    server_->Shutdown(base::MonotonicNow() + grace);
+    const base::MonotonicTime deadline = base::MonotonicNow() + grace;
+    service_.FinishFrames(deadline);
+    server_->Shutdown(deadline);
   }
 
  private:

@@ -69,6 +69,10 @@ class ExtractSurfaceCall final : public SurfaceReactor {
                                    const v1::ExtractSurfaceRequest& request) {
     std::shared_ptr<ExtractSurfaceCall> call(new ExtractSurfaceCall(agent, context, request));
     call->self_ = call;
+    if (const absl::Status status = agent->begun.CheckNotStopping(); !status.ok()) {
+      call->outgoing_.Finish(status);
+      return call.get();
+    }
     if (!agent->extraction_executor.TrySchedule([call] { call->Run(); })) {
       call->outgoing_.Finish(base::WithRetryDelay(
           absl::ResourceExhaustedError(

@@ -1,10 +1,18 @@
 #include "partition-agent/partition_agent_service_impl.h"
 
+#include <cstddef>
+#include <memory>
 #include <utility>
 
+#include "absl/status/statusor.h"
+
+#include "core/base/log.h"
 #include "core/base/memory_info.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/status_macros.h"
 #include "partition-agent/agent_queries.h"
+#include "partition-agent/begun_frames.h"
+#include "rpc/request_context.h"
 #include "rpc/unary_checksum.h"
 #include "wire/known_fields.h"
 #include "wire/proto_convert.h"
@@ -21,6 +29,15 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const AgentServerOptions& o
 void PartitionAgentServiceImpl::Serve(Shards plain, SeriesShards series) {
   plain_description_ = DescribePlain(plain, *agent_.options.renderer);
   agent_.Serve(std::move(plain), std::move(series));
+}
+
+void PartitionAgentServiceImpl::FinishFrames(base::MonotonicTime deadline) {
+  const std::size_t count = agent_.begun.Stop();
+  AnnounceDrain();
+  if (count > 0 && base::MonotonicNow() < deadline) {
+    base::LogInfo("agent_finishes_frames", {{"frames", count}});
+  }
+  agent_.begun.AwaitEnd(deadline);
 }
 
 std::vector<base::MetricFamily> PartitionAgentServiceImpl::CollectMetrics(
@@ -110,10 +127,14 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::StartQuery(
   if constexpr (kReadsBlocks<Request>) {
     max_duration = absl::Hours(1);  // the frame that waits for it has a deadline of its own
   }
+  // One that has arrived before the agent stops is answered.
+  auto begun = std::make_shared<absl::StatusOr<BegunFrames::Call>>(
+      agent_.begun.BeginQuestion(rpc::TraceContextOf(*context).request_id()));
   return rpc::UnaryTask::Start(
       context, *request, executor, max_duration,
-      [this, request, response](const base::Cancellation& cancellation,
-                                const base::TraceContext& /*identity*/) {
+      [this, request, response, begun = std::move(begun)](const base::Cancellation& cancellation,
+                                                          const base::TraceContext& /*identity*/) {
+        ISOSCOPE_RETURN_IF_ERROR(begun->status());
         if constexpr (kReadsBlocks<Request> || std::is_same_v<Request, v1::GetDepthBoundsRequest>) {
           return agent_.damages.ForCaller(AnswerQuery(agent_.shards, agent_.Resources(nullptr),
                                                       *request, cancellation, response));

@@ -34,6 +34,9 @@ class PartitionAgentServiceImpl final
   [[nodiscard]] int frames_in_work() const { return agent_.frame_count.load(); }
   // Reports to coordinators from now on that this agent stops soon. It continues to serve.
   void AnnounceDrain() { is_draining_.store(true); }
+  // Refuses new frames and questions from now on. Waits until frames that have begun have ended, with
+  // all their calls, at most until `deadline`.
+  void FinishFrames(base::MonotonicTime deadline);
   // Returns the metrics for monitoring.
   [[nodiscard]] std::vector<base::MetricFamily> CollectMetrics(
       rpc::CertificateWatch* certificate) const;

@@ -5,6 +5,8 @@
 // schedule. A step runs on the frame executor, and a frame has at most one step there. A step
 // enters kExpect... before it sends its answer, because the coordinator may reply at once.
 
+#include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <utility>
 
@@ -18,6 +20,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "partition-agent/agent_streams.h"
+#include "partition-agent/begun_frames.h"
 #include "partition-agent/frame/step_memory.h"
 #include "partition-agent/frame_answerer.h"
 #include "partition-agent/frame_stream_state.h"
@@ -117,6 +120,10 @@ class RenderFrameCall final : public FrameReactor {
     if (message.has_begin()) {
       ISOSCOPE_RETURN_IF_ERROR(Admit());
       frame_number_ = message.begin().frame_number();
+      ISOSCOPE_ASSIGN_OR_RETURN(begun_,
+                                agent_.begun.BeginFrame(identity_.request_id(),
+                                                        std::max(frame_number_, std::int64_t{0})));
+      others_follow_ = message.begin().others_follow();
     }
     return Schedule(std::move(message));
   }
@@ -181,6 +188,9 @@ class RenderFrameCall final : public FrameReactor {
     trace_.MoveTo(answer->mutable_frame_done());
     ISOSCOPE_RETURN_IF_ERROR(Send(*std::move(answer)));
     ISOSCOPE_RETURN_IF_ERROR(Apply(Event::kAnswer));
+    if (others_follow_) {
+      begun_.ExpectOthersUntil(cancellation_.deadline());
+    }
     outgoing_.Finish(absl::OkStatus());
     const frame::AgentStatistics& statistics = steps_.statistics();
     agent_.metrics.triangles.Add(statistics.triangle_count);
@@ -264,6 +274,8 @@ class RenderFrameCall final : public FrameReactor {
   FrameStreamState state_ ABSL_GUARDED_BY(mutex_);
   std::int64_t frame_number_ = 0;  // set before the first step
   bool is_admitted_ = false;       // the same
+  BegunFrames::Call begun_;        // the same
+  bool others_follow_ = false;     // the same
   FrameTrace trace_;
   FrameAnswerer steps_;  // the steps use it, one after the other
 };

@@ -546,9 +546,7 @@ Action RegisterRenderFlags(FlagSet* set) {
   const auto flags = std::make_shared<RenderFlags>();
   AddRenderFlags(set, flags.get());
   return [flags, set](const Context& context) {
-    Context own = context;
-    own.err_is_terminal = context.err_is_terminal && !flags->is_quiet;
-    return Run(*flags, *set, own);
+    return Run(*flags, *set, flags->is_quiet ? WithoutProgress(context) : context);
   };
 }
 

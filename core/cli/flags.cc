@@ -2,6 +2,8 @@
 
 #include <ostream>
 
+#include "core/cli/progress_line.h"
+
 namespace isoscope::cli {
 
 absl::StatusOr<std::string> ParseText(absl::string_view text) {
@@ -17,9 +19,8 @@ void AddQuietFlag(FlagSet* set, bool* is_quiet) {
 
 Context QuietContext(const Context& context) {
   static std::ostream& nowhere = *new std::ostream(nullptr);
-  Context quiet = context;
+  Context quiet = WithoutProgress(context);
   quiet.out = &nowhere;
-  quiet.err_is_terminal = false;
   quiet.out_columns = 0;
   return quiet;
 }

@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <ostream>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
+#include "core/cli/command.h"
 #include "core/cli/format.h"
 
 namespace isoscope::cli {
@@ -38,8 +38,21 @@ std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
   return text;
 }
 
+Context WithoutProgress(const Context& context) {
+  static QuietErr& err = *new QuietErr(nullptr);
+  err.rdbuf(context.err->rdbuf());
+  Context quiet = context;
+  quiet.err = &err;
+  quiet.err_is_terminal = false;
+  return quiet;
+}
+
 ProgressLine::ProgressLine(std::ostream* err, bool is_terminal)
-    : err_(err), is_terminal_(is_terminal), start_(base::MonotonicNow()), last_draw_(start_) {}
+    : err_(err),
+      is_terminal_(is_terminal),
+      is_quiet_(dynamic_cast<const QuietErr*>(err) != nullptr),
+      start_(base::MonotonicNow()),
+      last_draw_(start_) {}
 
 ProgressLine::~ProgressLine() {
   if (is_drawn_ && is_terminal_) {
@@ -58,6 +71,9 @@ bool ProgressLine::IsDue() {
 }
 
 void ProgressLine::Draw(const std::string& any_text) {
+  if (is_quiet_) {
+    return;
+  }
   const std::string text = base::Printable(any_text);
   if (is_terminal_) {
     *err_ << "\r" << text << "\x1b[K" << std::flush;

@@ -138,7 +138,8 @@ absl::Status DrawValues(const FrameToRange& frame, AskedFrame stepped,
   identity.trace = nullptr;
   identity.agent_traces = nullptr;
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result,
-                            frame.runner->Run(identity, stepped, target, frame.parts));
+                            frame.runner->Run(identity, stepped, target, frame.parts,
+                                              {.others_follow = frame.is_drawn_after}));
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
   base::RunIn(frame.runner->state().arena.get(), [&] {
     visible->Add({.order = target.order,

@@ -24,6 +24,7 @@ struct FrameToRange {
   // Regions of the picture, which are drawn one after another to find what is visible; empty: all at
   // once.
   std::vector<view::Region> bands = {};
+  bool is_drawn_after = false;  // the picture, with these ranges
 };
 
 // Returns the frame with steps of maps in place of colours, as it is drawn to find what is visible:

@@ -331,6 +331,7 @@ class FrameRunner::Attempt {
                                                target.selected.color_dataset_ids.end());
     begin_.set_agent_count(static_cast<std::int32_t>(parts.size()));
     begin_.set_report_active_blocks(active_ == nullptr);
+    begin_.set_others_follow(context.others_follow);
   }
 
   // With an error, `lost_parts` are those of FrameOutcome.

@@ -77,7 +77,8 @@ struct DrawingContext {
   // The blocks that earlier bands of the picture have drawn: agents do not count them again, and
   // the result has its own. Null: the drawing counts by itself.
   const DrawnBlocks* drawn = nullptr;
-  int drawing_count = 1;  // of the call; they share the spans of its trace
+  int drawing_count = 1;       // of the call; they share the spans of its trace
+  bool others_follow = false;  // other drawings of the frame: agents that stop wait for them
 };
 
 // Returns true if the frame may work with fewer pixels: an agent, or the coordinator, has no memory

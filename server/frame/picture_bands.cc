@@ -108,8 +108,11 @@ absl::StatusOr<BandGrid> PictureJob::Plan(const Drawing& drawing, const FrameNee
 absl::Status PictureJob::FindRanges(const FrameTarget& target) {
   const base::TraceScope trace(recorder(), "colour ranges");
   const FrameIdentity identity = Identity();
-  FrameToRange frame{
-      .runner = &runner_, .identity = &identity, .target = &target, .parts = &parts_};
+  FrameToRange frame{.runner = &runner_,
+                     .identity = &identity,
+                     .target = &target,
+                     .parts = &parts_,
+                     .is_drawn_after = asked_.spec.output.is_drawn()};
   if (!wire::HasVisibleRanges(asked_.spec)) {
     return ResolveRanges(frame, &asked_);
   }
@@ -238,7 +241,7 @@ absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGri
                                  "band");
     const bool is_last = i + 1 == bands.count();
     ISOSCOPE_RETURN_IF_ERROR(RenderBandOf(
-        picture, bands.At(i),
+        picture, bands.At(i), is_last,
         [&] {
           if (is_last) {
             on_drawn();
@@ -257,7 +260,7 @@ absl::Status PictureJob::RenderAllBands(const FrameTarget& target, const BandGri
 }
 
 absl::Status PictureJob::RenderBandOf(const BandsOfPicture& picture, const view::Region& band,
-                                      absl::FunctionRef<void()> on_drawn,
+                                      bool is_last, absl::FunctionRef<void()> on_drawn,
                                       std::optional<FrameCost>* cost) {
   const std::size_t part_count = parts_.size();
   const frame::FrameSpec spec = SpecOfBand(asked_.spec, band);
@@ -266,7 +269,9 @@ absl::Status PictureJob::RenderBandOf(const BandsOfPicture& picture, const view:
   const Piece piece{.spec = spec,
                     .target = of_band,
                     .band = band,
-                    .context = {.drawn = picture.drawn, .drawing_count = picture.drawing_count},
+                    .context = {.drawn = picture.drawn,
+                                .drawing_count = picture.drawing_count,
+                                .others_follow = !is_last},
                     .drawn = picture.drawn,
                     .joiner = picture.joiner};
   ISOSCOPE_RETURN_IF_ERROR(RenderBand(piece, on_drawn));

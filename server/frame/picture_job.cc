@@ -58,6 +58,15 @@ bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& l
          !frame::ShowsValues(spec);
 }
 
+// Returns true if planes are drawn after a picture of this window, because its pixels don't give
+// them. With layers it may be that none is.
+bool MayNeedPlanesAfter(const frame::FrameSpec& spec, const frame::DrawnWindow& window) {
+  const bool keeps_normals = window.is_picture_of(spec) && !frame::HasLayers(spec) &&
+                             CarriesNormalPlane(spec, image::LayerStack());
+  return (spec.output.normal && !keeps_normals) ||
+         (spec.effects.samples_per_side > 1 && NeedsPlanes(spec.output, FrameOutput()));
+}
+
 // Adds the contents of a band.
 void Unite(const picture::PictureContents& of_band, picture::PictureContents* contents) {
   contents->shown |= of_band.shown;
@@ -556,6 +565,7 @@ absl::StatusOr<FrameResult> PictureJob::Draw(const Piece& piece, const FrameTarg
   spec.region = window.region;
   DrawingContext context = piece.context;
   if (content == Content::kPicture) {
+    context.others_follow |= MayNeedPlanesAfter(asked_.spec, window);
     spec.effects = {};
     spec.sends_normals = picture::NeedsDeferredShading(spec);
     spec.sends_map_steps = frame::ShowsValues(spec);

@@ -188,7 +188,7 @@ class PictureJob {
     BandJoiner* joiner;
     int drawing_count = 1;
   };
-  absl::Status RenderBandOf(const BandsOfPicture& picture, const view::Region& band,
+  absl::Status RenderBandOf(const BandsOfPicture& picture, const view::Region& band, bool is_last,
                             absl::FunctionRef<void()> on_drawn, std::optional<FrameCost>* cost);
   absl::Status RenderBand(const Piece& piece, absl::FunctionRef<void()> on_drawn);
   // What is kept between the tiles of a picture.

@@ -118,7 +118,7 @@ absl::Status PictureJob::RenderTile(const frame::FrameSpec& spec, const view::Re
       band.x += tile.x;
       band.y += tile.y;
       status = RenderBandOf(
-          picture, band, [] {}, &tiles_->cost);
+          picture, band, /*is_last=*/i + 1 == bands.count(), [] {}, &tiles_->cost);
     }
     if (status.ok()) {
       if (was_refused) {

@@ -243,8 +243,8 @@ echo "== frames in work"
 # Some seconds of work for two agents with a thread each.
 isoscope generate random --dims 256,256,256 --type uint8 --output "$work/field.nrrd" >/dev/null
 isoscope partition "$work/field.nrrd" --output "$work/field" --shards 2 >/dev/null
-# One band: agents that end by themselves begin no other band.
-heavy=(--culling none --width 1024 --height 1024 --max-layers 16 --samples 1)
+# Several bands: 4 samples a pixel, and 16 layers.
+heavy=(--culling none --width 1024 --height 1024 --max-layers 16)
 for value in $(seq 70 8 190); do
   heavy+=(--surface "$value:0.9,0.6,0.3:0.3")
 done

@@ -1,18 +1,24 @@
 // Frames that a coordinator or an agent has no memory for at once, in clusters of real processes:
 // they are drawn in bands, and have the bytes of a cluster with ample memory. What the bands share
-// is counted once. What can't be drawn in bands is refused with a limit that draws.
+// is counted once. What can't be drawn in bands is refused with a limit that draws. Agents that stop
+// finish all bands of a frame.
 
 #include <algorithm>
+#include <csignal>
 #include <cstddef>
 #include <cstdint>
+#include <future>
 #include <memory>
 #include <regex>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "google/protobuf/util/message_differencer.h"
 #include "gtest/gtest.h"
@@ -292,6 +298,50 @@ TEST_F(BandsTest, LittleMemoryGivesTheBytesOfAmpleMemoryForAnyAgents) {
         ExpectSamePicture(streamed, whole[i]);
       }
     }
+  }
+}
+
+// Symptom: agents that got SIGTERM ended the band in work and refused the next one, so that a job of
+// Slurm that was cancelled lost its large frames.
+TEST_F(BandsTest, AgentsThatStopFinishAllBandsOfAFrameAndRefuseOthers) {
+  v1::RenderIsosurfaceRequest request = RequestOf(420, 330);
+  request.set_samples(16);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::unique_ptr<Cluster> ample,
+      Start(2, {}, {"--drain-notice-seconds", "0", "--drain-seconds", "3600"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse whole, Render(*ample, request));
+  // A coordinator with little memory, whose first band waits for the first agent.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const testing::ServerProcess held,
+      testing::StartHoldingAgent(ample->agents[0].address, "visible_blocks"));
+  Cluster little;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      little.coordinator,
+      testing::StartCoordinator({held.address, ample->agents[1].address}, LittleMemory()));
+  std::future<absl::StatusOr<v1::RenderIsosurfaceResponse>> frame =
+      std::async(std::launch::async, [&] {
+        // So that the agents' end below does not come from the frame's deadline.
+        return testing::Render(little.coordinator.address, request, 10 * testing::kPatience);
+      });
+  const absl::Cleanup release = [&] { held.process->Signal(SIGUSR1); };
+  ISOSCOPE_ASSERT_OK(held.process->WaitForErrLine("holding"));
+  for (const testing::ServerProcess& agent : ample->agents) {
+    agent.process->Signal(SIGTERM);
+    ISOSCOPE_ASSERT_OK(agent.process->WaitForErrLine("agent_finishes_frames"));
+  }
+  EXPECT_THAT(Render(*ample, request),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("the agent stops")));
+  // The second agent has done its part of the band. It waits for the next one, for longer than after a
+  // last call (BegunFrames::kAfterLastCall).
+  absl::SleepFor(absl::Milliseconds(1500));
+  held.process->Signal(SIGUSR1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse banded, frame.get());
+  EXPECT_GT(banded.statistics().band_count(), 1);
+  ExpectSamePicture(banded, whole);
+  for (const testing::ServerProcess& agent : ample->agents) {
+    // Long before the grace time ends: the last band says that it is the last.
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, agent.process->Wait(testing::kPatience));
+    EXPECT_EQ(exit_code, 0);
   }
 }
 

@@ -811,6 +811,31 @@ TEST_F(PartitionAgentServiceTest, ShutdownWithGraceFinishesTheFrameInWork) {
   shutdown.join();
 }
 
+TEST_F(PartitionAgentServiceTest, AnAgentThatStopsLetsInNothingNew) {
+  Start(dataset_.directory(), 4, 64, "127.0.0.1:0");
+  FrameCall call(stub_.get());
+  const RaySelection selection = BeginAndReadHits(&call);
+  std::thread shutdown([&] { server_->Shutdown(absl::Minutes(2)); });
+  while (!Describe().is_draining()) {
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  FrameCall other(stub_.get());
+  v1::RenderFrameResponse message;
+  EXPECT_TRUE(other.Send(Begin()));
+  EXPECT_FALSE(other.Read(&message));
+  EXPECT_EQ(CodeOf(other.Finish()), "UNAVAILABLE");
+  EXPECT_EQ(ReadSurface({}, [](const v1::BlockSurface&) {}), "UNAVAILABLE");
+  grpc::ClientContext context;
+  v1::GetShardHistogramResponse histogram;
+  EXPECT_EQ(CodeOf(stub_->GetShardHistogram(&context, {}, &histogram)), "UNAVAILABLE");
+  image::FrameImage image = EmptyImage();
+  Complete(&call, selection, &image, &message);
+  EXPECT_TRUE(message.has_frame_done());
+  EXPECT_EQ(CodeOf(call.Finish()), "OK");
+  EXPECT_TRUE(image == Expected());
+  shutdown.join();
+}
+
 TEST_F(PartitionAgentServiceTest, ShutdownWithoutGraceCancelsTheFrameInWork) {
   Start(dataset_.directory(), 4, 64, "127.0.0.1:0");
   FrameCall call(stub_.get());

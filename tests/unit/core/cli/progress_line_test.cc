@@ -6,6 +6,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/cli/flags.h"
+
 namespace isoscope::cli {
 namespace {
 
@@ -18,6 +20,24 @@ TEST(ProgressLineTest, TextDoesNotSteerTheTerminal) {
     line.UpdateNow("waiting for \x1b]0;a\x07");
   }
   EXPECT_EQ(err.str(), "\rwaiting for ?]0;a?\x1b[K\r\x1b[K");
+}
+
+// Symptom: with --quiet a line came each ten seconds where standard error was no terminal.
+TEST(ProgressLineTest, AQuietCommandHasNone) {
+  for (const bool is_terminal : {false, true}) {
+    std::ostringstream err;
+    const Context context{.err = &err, .err_is_terminal = is_terminal};
+    for (const Context& quiet : {QuietContext(context), WithoutProgress(context)}) {
+      {
+        ProgressLine line(quiet.err, quiet.err_is_terminal);
+        line.UpdateNow("copying");
+      }
+      EXPECT_EQ(err.str(), "");
+      *quiet.err << "isoscope: a warning" << std::endl;
+      EXPECT_EQ(err.str(), "isoscope: a warning\n");
+      err.str("");
+    }
+  }
 }
 
 TEST(ProgressLineTest, ProgressTellsRateAndTimeLeft) {
