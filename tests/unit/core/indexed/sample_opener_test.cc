@@ -628,8 +628,7 @@ TEST_F(SampleOpenerTest, LimitsTheMemoryOfChunks) {
   SourceAccess access = kOwn;
   access.max_bytes = 128 << 10;
   const absl::Status refused = Read(manifest, access);
-  EXPECT_THAT(refused,
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("--memory-limit")));
+  EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("--memory-limit")));
   // So that nobody tries again: it is no matter of time.
   EXPECT_EQ(base::ReasonOf(base::WithRetryDelay(refused, absl::Seconds(1))),
             base::ErrorReason::kTooLarge);
