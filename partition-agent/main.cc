@@ -66,9 +66,15 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   set->AddTexts("--shard", "DIR", &flags->shards,
                 "A shard or dataset directory to serve; repeatable")
       .Environment("ISOSCOPE_SHARD");
-  set->AddTexts("--allow-source", "PREFIX|RECORDED=ACTUAL", &flags->allowed_sources,
-                "A folder with sources of index-only datasets, which may be read; RECORDED=ACTUAL: "
-                "what they recorded below RECORDED lies below ACTUAL here; repeatable")
+  // One value each: directories may follow.
+  set->AddRepeatable(
+         "--allow-source", "PREFIX|RECORDED=ACTUAL",
+         [flags](absl::string_view text) {
+           flags->allowed_sources.emplace_back(text);
+           return absl::OkStatus();
+         },
+         "A folder with sources of index-only datasets, which may be read; RECORDED=ACTUAL: "
+         "what they recorded below RECORDED lies below ACTUAL here; repeatable")
       .Environment("ISOSCOPE_ALLOW_SOURCE");
   set->AddChoice("--renderer", &flags->renderer, {"auto", "egl", "cpu"},
                  "auto is egl on real hardware, else cpu")

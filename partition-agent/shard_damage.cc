@@ -24,6 +24,13 @@ bool SaysNothingOfTheFile(const absl::Status& status) {
          absl::IsUnavailable(status) || absl::IsResourceExhausted(status);
 }
 
+// Whether the error says itself that it is no matter of time. Without a word of its own, the delay
+// would make the reason TOO_BUSY.
+bool NeverFits(const absl::Status& status) {
+  return base::ReasonOf(base::WithRetryDelay(status, rpc::UnaryTask::kBusyDelay)) ==
+         base::ErrorReason::kTooLarge;
+}
+
 bool IsOfSource(const absl::Status& status) {
   return base::ReasonOf(status) == base::ErrorReason::kSourceUnreadable;
 }
@@ -130,7 +137,7 @@ absl::Status ShardDamages::ForCaller(absl::Status status) {
   }
   if (SaysNothingOfTheFile(status)) {
     absl::Status same(status.code(), named);
-    return absl::IsResourceExhausted(status)
+    return absl::IsResourceExhausted(status) && !NeverFits(status)
                ? base::WithRetryDelay(std::move(same), rpc::UnaryTask::kBusyDelay)
                : same;
   }

@@ -292,8 +292,14 @@ Action RegisterPickFlags(FlagSet* set) {
   const auto flags = std::make_shared<PickFlags>();
   AddSessionFlags(set, &flags->session);
   AddRendererFlag(set, &flags->session);
-  set->AddTexts("--pixel", "X,Y", &flags->pixels,
-                "a pixel of the picture: column and row from the top left; repeatable");
+  // One value each: INPUT may follow.
+  set->AddRepeatable(
+      "--pixel", "X,Y",
+      [flags](absl::string_view text) {
+        flags->pixels.emplace_back(text);
+        return absl::OkStatus();
+      },
+      "a pixel of the picture: column and row from the top left; repeatable");
   set->AddSwitch("--all-fields", &flags->all_fields,
                  "also print the values of all fields at the points, of datasets that have fields");
   set->AddSwitch("--json", &flags->is_json, "print JSON");

@@ -195,11 +195,17 @@ class Sources {
   std::int64_t next_number_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
-// Of the source of a dataset.
+// Of the source of a dataset, and of all that its units depend on: a forged manifest may have the id
+// of another one.
 std::string KeyOfSource(const store::Manifest& manifest) {
-  std::string key = manifest.dataset_id;
+  std::string key = absl::StrCat(manifest.dataset_id, "\n", volume::NameOf(manifest.scalar_type));
+  for (const math::Index3& numbers :
+       {manifest.geometry.sample_dims, manifest.in_source->unit_origin,
+        manifest.in_source->unit_dims}) {
+    absl::StrAppend(&key, "\n", numbers.x, " ", numbers.y, " ", numbers.z);
+  }
   for (const auto& [name, text] : manifest.in_source->request) {
-    absl::StrAppend(&key, name, "\n", text.size(), "\n", text);
+    absl::StrAppend(&key, "\n", name, "\n", text.size(), "\n", text);
   }
   return key;
 }

@@ -15,6 +15,7 @@
 #include "absl/strings/str_format.h"
 #include "oneapi/tbb/task_arena.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 
@@ -78,12 +79,14 @@ absl::StatusOr<std::shared_ptr<const std::string>> UnitCache::Make(
   absl::StatusOr<base::MemoryBudget::Reservation> bytes =
       making_.Reserve(kMakingFactor * whole, cancellation);
   if (absl::IsResourceExhausted(bytes.status())) {
-    return absl::ResourceExhaustedError(absl::StrFormat(
-        "chunks of %.1f MiB need %.0f MiB while they are decoded, and %.0f MiB are for that: raise "
-        "--memory-limit, or write the source with smaller chunks",
-        static_cast<double>(whole) / double{base::kMiB},
-        static_cast<double>(kMakingFactor * whole) / double{base::kMiB},
-        static_cast<double>(making_.capacity_bytes()) / double{base::kMiB}));
+    return base::WithReason(
+        absl::ResourceExhaustedError(absl::StrFormat(
+            "chunks of %.1f MiB need %.0f MiB while they are decoded, and %.0f MiB are for that: "
+            "raise --memory-limit, or write the source with smaller chunks",
+            static_cast<double>(whole) / double{base::kMiB},
+            static_cast<double>(kMakingFactor * whole) / double{base::kMiB},
+            static_cast<double>(making_.capacity_bytes()) / double{base::kMiB})),
+        base::ErrorReason::kTooLarge);
   }
   ISOSCOPE_RETURN_IF_ERROR(bytes.status());
   {

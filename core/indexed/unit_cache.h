@@ -40,7 +40,8 @@ class UnitCache {
   // Returns a unit of `size` bytes that is kept, or else makes it: `make` fills it in. Threads that
   // want the same unit wait for the one that makes it, and get its error, unless that thread was
   // cancelled: then another one makes it. Waits end with the error of `cancellation`.
-  // RESOURCE_EXHAUSTED: a unit is too large for the bound. Errors of `make`, which takes no unit.
+  // RESOURCE_EXHAUSTED, with the reason TOO_LARGE: a unit is too large for the bound. Errors of
+  // `make`, which takes no unit.
   // decoded_bytes: of what `make` decodes, if that is more than `size`
   absl::StatusOr<std::shared_ptr<const std::string>> Get(
       const Key& key, std::size_t size, std::size_t decoded_bytes,

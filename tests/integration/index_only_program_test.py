@@ -326,8 +326,8 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertIn('--allow-source', ''.join(refused.lines))
     moved = self.path('elsewhere')
     os.rename(self.path('data'), moved)
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source',
-                   self.path('data') + '=' + moved)
+    # Breaks if the flag takes the folder behind its value, too.
+    agent = Server('isoscope-agent', '--renderer', 'cpu', '--allow-source', self.path('data') + '=' + moved, dataset)
     self.addCleanup(agent.stop)
     coordinator = Server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)

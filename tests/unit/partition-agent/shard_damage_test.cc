@@ -81,6 +81,19 @@ TEST_F(ShardDamagesTest, EndsOfCallsAndFullTablesSayNothingOfTheFile) {
   EXPECT_TRUE(damages_.damages().empty());
 }
 
+// Breaks if callers are told to try a chunk again that no waiting makes fit: `isoscope render` did so
+// for five minutes.
+TEST_F(ShardDamagesTest, WhatNeverFitsHasNoRetryDelay) {
+  const absl::Status never = damages_.ForCaller(base::WithReason(
+      absl::ResourceExhaustedError("block 0 of /data/flow/shard-00001-of-00002/blocks.bin: chunks "
+                                   "of 14.6 MiB need 44 MiB while they are decoded"),
+      base::ErrorReason::kTooLarge));
+  EXPECT_THAT(never, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("14.6 MiB")));
+  EXPECT_FALSE(base::RetryDelayOf(never).has_value());
+  EXPECT_EQ(base::ReasonOf(never), base::ErrorReason::kTooLarge);
+  EXPECT_TRUE(damages_.damages().empty());
+}
+
 TEST_F(ShardDamagesTest, EachDamageIsLoggedOnceWithItsPath) {
   const absl::Status status =
       absl::DataLossError("/data/flow/shard-00001-of-00002/blocks.bin: ends after 3 bytes");

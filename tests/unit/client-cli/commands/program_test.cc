@@ -237,6 +237,7 @@ std::vector<WrongUsage> RenderRows() {
       {{"pick", "v.nrrd", "--isovalue", "1", "--pixel", "1024,0"},
        {"--pixel '1024,0'", "a column from 0 to 1023"}},
       {{"pick", "v.nrrd", "--isovalue", "1", "--pixel", "1"}, {"--pixel '1' is not X,Y"}},
+      {{"pick", "--isovalue", "1", "--pixel", "1", "v.nrrd"}, {"--pixel '1' is not X,Y"}},
       Render({"--eye", "1,2"}, {"--eye", "'1,2' is not X,Y,Z"}),
       Render({"--eye", "1,2,3", "--azimuth", "30"}, {"--eye can't be used with --azimuth"}),
       Render({"--up", "0,0,1", "--zoom", "2"}, {"--up can't be used with --zoom"}),

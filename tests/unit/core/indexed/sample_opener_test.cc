@@ -14,10 +14,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/error_reason.h"
+#include "core/base/retry_delay.h"
 #include "core/indexed/unit_cache.h"
 #include "core/io/file.h"
 #include "core/partition/distribution.h"
@@ -557,6 +560,34 @@ TEST_F(SampleOpenerTest, OnlyAllowedSourcesAreRead) {
   EXPECT_THAT(open(linked, allowing("/")), StatusIs(absl::StatusCode::kPermissionDenied));
 }
 
+// Breaks if units of another grid are taken for those of a manifest: nobody compares a manifest with
+// its id, so a forged one may have that of another dataset.
+TEST_F(SampleOpenerTest, UnitsOfAnotherGridAreOthersWhateverTheId) {
+  store::Manifest manifest = MakeSmall();
+  manifest.in_source->unit_origin = {0, 0, 0};
+  manifest.in_source->unit_dims = {8, 8, 8};
+  store::Manifest forged = manifest;
+  forged.in_source->unit_dims = {32, 32, 32};
+  const store::OpenSamples open = MakeSampleOpener(kOwn);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, open(manifest));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto forged_reader, open(forged));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, MakeSampleOpener(kOwn)(forged));
+  const base::Cancellation never;
+  constexpr math::Index3 kFirst{0, 0, 0};
+  ISOSCOPE_ASSERT_OK(reader->ReadUnit(kFirst, never));
+  EXPECT_TRUE(reader->HasUnit(kFirst));
+  EXPECT_FALSE(forged_reader->HasUnit(kFirst));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const volume::BlockLayout layout,
+      volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells));
+  const math::Index3 stored = layout.StoredSamplesOf(0).dims();
+  std::string found(static_cast<std::size_t>(math::Volume(stored)) * sizeof(std::uint16_t), 'x');
+  std::string expected = found;
+  ISOSCOPE_ASSERT_OK(forged_reader->ReadBlock(0, never, found.data()));
+  ISOSCOPE_ASSERT_OK(alone->ReadBlock(0, never, expected.data()));
+  EXPECT_EQ(found, expected);
+}
+
 TEST_F(SampleOpenerTest, OthersAreRefusedByName) {
   const math::Index3 dims{10, 10, 10};
   const std::string samples = testing::SampleNoise(1, dims, volume::ScalarType::kUint8, 100);
@@ -596,8 +627,11 @@ TEST_F(SampleOpenerTest, LimitsTheMemoryOfChunks) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest, Cut(request, OptionsTo("d"), true));
   SourceAccess access = kOwn;
   access.max_bytes = 128 << 10;
-  EXPECT_THAT(Read(manifest, access),
-              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("--memory-limit")));
+  const absl::Status refused = Read(manifest, access);
+  EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("--memory-limit")));
+  // So that nobody tries again: it is no matter of time.
+  EXPECT_EQ(base::ReasonOf(base::WithRetryDelay(refused, absl::Seconds(1))),
+            base::ErrorReason::kTooLarge);
   access.max_bytes = (256 << 10) * 2 * 3;
   ISOSCOPE_EXPECT_OK(Read(manifest, access));
 }
