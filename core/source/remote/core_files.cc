@@ -26,8 +26,6 @@ bool WriteFilter() {
 
 }  // namespace
 
-void LeaveMemoryOutOfCores() {
-  [[maybe_unused]] static const bool is_done = WriteFilter();
-}
+void LeaveMemoryOutOfCores() { [[maybe_unused]] static const bool is_done = WriteFilter(); }
 
 }  // namespace isoscope::source
