@@ -41,6 +41,7 @@
 #include "core/formats/address_source.h"
 #include "core/formats/open_request.h"
 #include "core/indexed/source_request.h"
+#include "core/formats/missing_steps.h"
 #include "core/indexed/unit_cache.h"
 #include "core/math/box.h"
 #include "core/source/adapt/magnitude_source.h"
@@ -67,8 +68,9 @@ constexpr absl::Duration kReopeningPause = absl::Seconds(5);
 // More than any bound of memory.
 constexpr std::int64_t kMostBytes = std::int64_t{1} << 60;
 
-// INVALID_ARGUMENT: the series has no such volume.
-absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(source::VolumeSeries& series,
+// INVALID_ARGUMENT: the series, which `request` opened, has no such volume.
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(const source::OpenRequest& request,
+                                                               source::VolumeSeries& series,
                                                                const SourceVolume& wanted) {
   const source::SeriesInfo& info = series.info();
   const auto field =
@@ -81,10 +83,15 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(source::VolumeSer
   }
   const auto components = static_cast<int>(field->components.size());
   const int count = components + (components > 1 ? 1 : 0);  // and the magnitude
-  if (wanted.component >= count || wanted.step >= info.step_count()) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: has %d components of field \"%s\" at %d steps, expected component %d at step %d",
-        info.name, components, wanted.field, info.step_count(), wanted.component, wanted.step));
+  if (wanted.component >= count) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: has %d components of field \"%s\", expected component %d", info.name,
+                        components, wanted.field, wanted.component));
+  }
+  if (wanted.step >= info.step_count()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(info.name, ": ",
+                     source::DescribeMissingSteps(request, info.step_count(), wanted.step + 1)));
   }
   return source::OpenComponent(series, static_cast<int>(field - info.fields.begin()),
                                wanted.component, wanted.step);
@@ -351,7 +358,7 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOneOf(
     series_.pop_back();
   }
   source::VolumeSeries& series = *kept->second;
-  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = OpenFrom(series, wanted);
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = OpenFrom(request, series, wanted);
   if (!volume.ok()) {
     series_.erase(kept);  // it may be another one by now
   }

@@ -351,6 +351,42 @@ TEST_F(SampleOpenerTest, ChunksOfManyChannelsAreMeasuredWhole) {
   const std::string noise =
       testing::SampleNoise(5, {64, 64, 64 * channels}, volume::ScalarType::kUint8, 100);
   testing::WriteZarrArray(dir_.Sub("c.zarr"), {channels, 64, 64, 64}, "|u1", 1,
+// Symptom: "has 1 components of field "u" at 2 steps", of files of which one was gone.
+TEST_F(SampleOpenerTest, AStepThatIsMissingIsNamed) {
+  const std::string noise = testing::SampleNoise(5, {10, 10, 40}, volume::ScalarType::kUint8, 100);
+  const auto path_of = [&](int step) { return dir_.Sub(absl::StrCat("run_", step, ".vti")); };
+  for (int step = 0; step < 4; ++step) {
+    testing::WriteVti(path_of(step), {10, 10, 10}, "UInt8", 1, 0,
+                      noise.substr(static_cast<std::size_t>(step) * 1000, 1000));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
+                                CutSeries({.path = dir_.Sub("run_*.vti")}, OptionsTo("d"), true));
+  const auto read_without = [&](std::vector<int> missing) {
+    for (const int step : missing) {
+      fs::rename(path_of(step), absl::StrCat(path_of(step), ".away"));
+    }
+    const absl::Status status =
+        ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = 3},
+                   MakeSampleOpener(kOwn))
+            .status();
+    for (const int step : missing) {
+      fs::rename(absl::StrCat(path_of(step), ".away"), path_of(step));
+    }
+    return status;
+  };
+  const auto says = [](const std::string& what) {
+    return StatusIs(absl::StatusCode::kDataLoss,
+                    AllOf(HasSubstr(what), HasSubstr("bring it back as it was")));
+  };
+  EXPECT_THAT(read_without({2}),
+              says("run_*.vti: run_2.vti is missing: 3 are there, of 4 or more steps"));
+  EXPECT_THAT(read_without({1, 2}), says("run_*.vti: run_1.vti, run_2.vti are missing"));
+  EXPECT_THAT(read_without({3}),
+              says("files are missing before run_0.vti, behind run_2.vti or between them"));
+  EXPECT_THAT(read_without({0, 2, 3}), says("files are missing beside run_1.vti"));
+  ISOSCOPE_EXPECT_OK(read_without({}));
+}
+
                           {channels, 64, 64, 64}, noise);
   const source::OpenRequest request{.path = dir_.Sub("c.zarr"), .axes = "TZYX"};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
