@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/base/mutex.h"
+#include "core/base/thread_interrupt.h"
 
 namespace isoscope::base {
 namespace {
@@ -41,10 +42,15 @@ OrderlyEnds& Ends() {
 
 }  // namespace
 
-const Cancellation& ProcessInterrupt() {
+const Cancellation& InterruptOfAllThreads() {
   static const auto* const never = new Cancellation();
   const Cancellation* const installed = installed_interrupt.load();
   return installed != nullptr ? *installed : *never;
+}
+
+const Cancellation& ProcessInterrupt() {
+  const Cancellation* const of_thread = ThreadInterrupt::OfThread();
+  return of_thread != nullptr ? *of_thread : InterruptOfAllThreads();
 }
 
 absl::Status CheckProcessInterrupt() {

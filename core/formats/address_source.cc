@@ -507,6 +507,9 @@ absl::StatusOr<AddressSource> FindAtAddress(const std::string& path) {
   }
   const SearchEnd search_end(path);
   absl::StatusOr<AddressSource> source = FindFirst(address);
+  if (!source.ok() && !base::ProcessInterrupt().Check().ok()) {
+    return source;  // says nothing of the source: others go on
+  }
   const base::MutexLock lock(&known.finding);
   known.found[path] = {.source = source, .at = base::MonotonicNow()};
   return source;

@@ -36,9 +36,12 @@
 #include "core/base/error_reason.h"
 #include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
+#include "core/base/process_interrupt.h"
 #include "core/base/status_macros.h"
+#include "core/base/thread_interrupt.h"
 #include "core/formats/address_opening.h"
 #include "core/formats/address_source.h"
+#include "core/formats/missing_steps.h"
 #include "core/formats/open_request.h"
 #include "core/indexed/source_request.h"
 #include "core/indexed/unit_cache.h"
@@ -67,8 +70,9 @@ constexpr absl::Duration kReopeningPause = absl::Seconds(5);
 // More than any bound of memory.
 constexpr std::int64_t kMostBytes = std::int64_t{1} << 60;
 
-// INVALID_ARGUMENT: the series has no such volume.
-absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(source::VolumeSeries& series,
+// INVALID_ARGUMENT: the series, which `request` opened, has no such volume.
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(const source::OpenRequest& request,
+                                                               source::VolumeSeries& series,
                                                                const SourceVolume& wanted) {
   const source::SeriesInfo& info = series.info();
   const auto field =
@@ -81,10 +85,15 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenFrom(source::VolumeSer
   }
   const auto components = static_cast<int>(field->components.size());
   const int count = components + (components > 1 ? 1 : 0);  // and the magnitude
-  if (wanted.component >= count || wanted.step >= info.step_count()) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: has %d components of field \"%s\" at %d steps, expected component %d at step %d",
-        info.name, components, wanted.field, info.step_count(), wanted.component, wanted.step));
+  if (wanted.component >= count) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: has %d components of field \"%s\", expected component %d", info.name,
+                        components, wanted.field, wanted.component));
+  }
+  if (wanted.step >= info.step_count()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(info.name, ": ",
+                     source::DescribeMissingSteps(request, info.step_count(), wanted.step + 1)));
   }
   return source::OpenComponent(series, static_cast<int>(field - info.fields.begin()),
                                wanted.component, wanted.step);
@@ -151,35 +160,71 @@ struct OpenSource {
 // Sources of series that are kept open, though none of their volumes is.
 constexpr std::size_t kKeptSeries = 4;
 
+// A mutex for what takes long: threads that wait for their turn heed their interrupt, and end with it.
+class ABSL_LOCKABLE Turn {
+ public:
+  // Waits for the turn. AssertHeld and Release follow an OK.
+  [[nodiscard]] absl::Status Take() ABSL_LOCKS_EXCLUDED(mutex_) {
+    return base::AwaitOrCancelled(
+        base::ProcessInterrupt(), &mutex_, &released_,
+        [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return !std::exchange(is_taken_, true); });
+  }
+  void AssertHeld() const ABSL_ASSERT_EXCLUSIVE_LOCK() {}
+  void Release() ABSL_LOCKS_EXCLUDED(mutex_) {
+    {
+      const base::MutexLock lock(&mutex_);
+      is_taken_ = false;
+    }
+    released_.SignalAll();
+  }
+
+ private:
+  base::Mutex mutex_;
+  base::CondVar released_;
+  bool is_taken_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+// Releases a turn that was taken, also after an exception.
+class TurnEnd {
+ public:
+  explicit TurnEnd(Turn* turn) : turn_(turn) {}
+  ~TurnEnd() { turn_->Release(); }
+  TurnEnd(const TurnEnd&) = delete;
+  TurnEnd& operator=(const TurnEnd&) = delete;
+
+ private:
+  Turn* const turn_;
+};
+
 // What the readers of one opener share.
 class Sources {
  public:
   explicit Sources(const SourceAccess& access) : access_(access), units_(access.max_bytes) {}
 
   absl::StatusOr<std::shared_ptr<const OpenSource>> Open(const store::Manifest& manifest)
-      ABSL_LOCKS_EXCLUDED(mutex_);
+      ABSL_LOCKS_EXCLUDED(turn_);
   // Opens a source once more, unless somebody did since source `number` was opened.
   absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAgain(const store::Manifest& manifest,
                                                               std::int64_t number)
-      ABSL_LOCKS_EXCLUDED(mutex_);
+      ABSL_LOCKS_EXCLUDED(turn_);
   [[nodiscard]] UnitCache& units() { return units_; }
 
  private:
   // Returns an open source; null if it is not open.
   [[nodiscard]] std::shared_ptr<const OpenSource> Find(const std::string& key) const
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
   absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAs(const std::string& key,
                                                            const store::Manifest& manifest)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
   absl::StatusOr<std::shared_ptr<const OpenSource>> OpenNow(const store::Manifest& manifest)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
   // The only volume of a source.
   [[nodiscard]] absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenOnly(
       const source::OpenRequest& request, absl::string_view where) const;
   // A volume of a series. members: of the request
   absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenOneOf(
       const source::OpenRequest& request, std::map<std::string, std::string> members,
-      const SourceVolume& wanted, absl::string_view where) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+      const SourceVolume& wanted, absl::string_view where) ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
   [[nodiscard]] absl::StatusOr<std::shared_ptr<source::VolumeSeries>> OpenSeries(
       const source::OpenRequest& request, absl::string_view where) const;
   [[nodiscard]] std::string PathOf(const std::string& recorded) const;
@@ -187,12 +232,12 @@ class Sources {
 
   const SourceAccess access_;
   UnitCache units_;
-  base::Mutex mutex_;  // held while a source is opened: each is opened once
-  std::map<std::string, std::weak_ptr<const OpenSource>> open_ ABSL_GUARDED_BY(mutex_);
+  Turn turn_;  // taken while a source is opened: each is opened once
+  std::map<std::string, std::weak_ptr<const OpenSource>> open_ ABSL_GUARDED_BY(turn_);
   // By the members of the request, the last used first.
   std::list<std::pair<std::map<std::string, std::string>, std::shared_ptr<source::VolumeSeries>>>
-      series_ ABSL_GUARDED_BY(mutex_);
-  std::int64_t next_number_ ABSL_GUARDED_BY(mutex_) = 0;
+      series_ ABSL_GUARDED_BY(turn_);
+  std::int64_t next_number_ ABSL_GUARDED_BY(turn_) = 0;
 };
 
 // Of the source of a dataset, and of all that its units depend on: a forged manifest may have the id
@@ -212,7 +257,9 @@ std::string KeyOfSource(const store::Manifest& manifest) {
 
 absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Manifest& manifest) {
   const std::string key = KeyOfSource(manifest);
-  const base::MutexLock lock(&mutex_);
+  ISOSCOPE_RETURN_IF_ERROR(turn_.Take());
+  const TurnEnd turn_end(&turn_);
+  turn_.AssertHeld();
   std::shared_ptr<const OpenSource> source = Find(key);
   return source != nullptr ? source : OpenAs(key, manifest);
 }
@@ -220,7 +267,9 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::Open(const store::Man
 absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenAgain(
     const store::Manifest& manifest, std::int64_t number) {
   const std::string key = KeyOfSource(manifest);
-  const base::MutexLock lock(&mutex_);
+  ISOSCOPE_RETURN_IF_ERROR(turn_.Take());
+  const TurnEnd turn_end(&turn_);
+  turn_.AssertHeld();
   if (std::shared_ptr<const OpenSource> source = Find(key);
       source != nullptr && source->number != number) {
     return source;
@@ -357,7 +406,7 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOneOf(
     series_.pop_back();
   }
   source::VolumeSeries& series = *kept->second;
-  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = OpenFrom(series, wanted);
+  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = OpenFrom(request, series, wanted);
   if (!volume.ok()) {
     series_.erase(kept);  // it may be another one by now
   }
@@ -410,7 +459,7 @@ class UnitReader final : public store::SampleReader {
   [[nodiscard]] absl::Status Doubt(volume::BlockId id) const override {
     const std::shared_ptr<const OpenSource> source = Source();
     sources_->units().Doubt(KeyOf(*source, UnitOf(id)));
-    return OpenAgain(*source).status();
+    return OpenAgain(*source, base::ProcessInterrupt()).status();
   }
   [[nodiscard]] bool HasUnit(const math::Index3& unit) const override {
     return sources_->units().Has(KeyOf(*Source(), unit));
@@ -438,10 +487,13 @@ class UnitReader final : public store::SampleReader {
   }
   // Opens a source once more that has given an error or other samples: it may have vanished, or be
   // back as it was. Returns the same one, or the same error, if that was tried just before. Threads
-  // wait for the one that opens it.
+  // wait for the one that opens it. If its frame is cancelled, the next one opens it.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const OpenSource>> OpenAgain(
-      const OpenSource& doubtful) const ABSL_LOCKS_EXCLUDED(reopening_, mutex_) {
-    const base::MutexLock reopening(&reopening_);
+      const OpenSource& doubtful, const base::Cancellation& cancellation) const
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::ThreadInterrupt interrupt(cancellation);
+    ISOSCOPE_RETURN_IF_ERROR(reopening_.Take());
+    const TurnEnd turn_end(&reopening_);
     {
       const base::MutexLock lock(&mutex_);
       if (source_->number != doubtful.number) {
@@ -455,6 +507,9 @@ class UnitReader final : public store::SampleReader {
     // A task of this thread's arena could wait for the lock that it holds.
     absl::StatusOr<std::shared_ptr<const OpenSource>> source = tbb::this_task_arena::isolate(
         [&] { return sources_->OpenAgain(manifest_, doubtful.number); });
+    if (!source.ok()) {
+      ISOSCOPE_RETURN_IF_ERROR(base::ProcessInterrupt().Check());  // says nothing of the source
+    }
     const base::MutexLock lock(&mutex_);
     reopened_ = base::MonotonicNow();
     reopening_error_ = source.status();
@@ -479,7 +534,8 @@ class UnitReader final : public store::SampleReader {
     if (!absl::IsDataLoss(samples.status())) {
       return samples;
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const OpenSource> again, OpenAgain(*source));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const OpenSource> again,
+                              OpenAgain(*source, cancellation));
     return again->number == source->number ? samples : SamplesFrom(*again, unit, cancellation);
   }
   [[nodiscard]] absl::StatusOr<UnitSamples> SamplesFrom(
@@ -539,7 +595,7 @@ class UnitReader final : public store::SampleReader {
   const bool is_local_;
   math::Index3 counts_;  // of units
 
-  mutable base::Mutex reopening_;  // held while the source is opened again
+  mutable Turn reopening_;  // taken while the source is opened again
   mutable base::Mutex mutex_;
   mutable std::shared_ptr<const OpenSource> source_ ABSL_GUARDED_BY(mutex_);
   // Of the last OpenAgain:

@@ -37,6 +37,7 @@
 #include "core/base/crc32c.h"
 #include "core/base/error_reason.h"
 #include "core/base/status_macros.h"
+#include "core/base/thread_interrupt.h"
 #include "core/store/block_codec.h"
 #include "core/store/block_overhang.h"
 #include "core/store/directory_files.h"
@@ -380,6 +381,7 @@ absl::Status ShardReader::ReadSourceBlock(std::uint32_t ordinal,
   }
   const std::uint32_t computed = base::ExtendCrc32c(0, out, entry.size);
   if (computed != *expected) {
+    const base::ThreadInterrupt interrupt(cancellation);
     if (const absl::Status status = samples_->Doubt(entry.block_id); !status.ok()) {
       return in_block(status);
     }

@@ -5,9 +5,11 @@ signatures, nginx. What comes is what the disk has, and no output holds a secret
     address_program_test.py BIN_FOLDER [unittest arguments]
 """
 
+import base64
 import hashlib
 import json
 import os
+import resource
 import shutil
 import signal
 import socket
@@ -318,6 +320,58 @@ class AddressTest(unittest.TestCase):
       self.assertTrue(os.path.exists(self.path('copies/v.nrrd')))
       refused = self.isoscope('info', server.origin + '/v.nrrd', check=False)
       self.assertIn('UNAUTHENTICATED', refused.stderr)
+
+  def core_of_abort(self, command, is_ready, **environment):
+    """The core file of a process that is aborted once it is ready; None: the system writes none."""
+    def allow_cores():
+      resource.setrlimit(resource.RLIMIT_CORE, (resource.getrlimit(resource.RLIMIT_CORE)[1],) * 2)
+
+    with tempfile.TemporaryDirectory() as folder:
+      process = subprocess.Popen(command, cwd=folder, env={**self.environment, **environment}, preexec_fn=allow_cores,
+                                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+      end = time.monotonic() + PATIENCE_S
+      while not is_ready() and time.monotonic() < end:
+        self.assertIsNone(process.poll(), command)
+        time.sleep(0.01)
+      process.send_signal(signal.SIGABRT)
+      self.assertEqual(process.wait(PATIENCE_S), -signal.SIGABRT)
+      cores = [name for name in os.listdir(folder) if name.startswith('core')]
+      return bytes_of(os.path.join(folder, cores[0])) if cores else None
+
+  def test_core_files_have_no_credentials(self):
+    """Breaks if memory goes into cores once a credential was read: LeaveMemoryOutOfCores."""
+    pattern = bytes_of('/proc/sys/kernel/core_pattern') if os.path.exists('/proc/sys/kernel/core_pattern') else b'|'
+    is_plain = not pattern.startswith(b'|') and b'/' not in pattern and os.path.exists('/proc/self/coredump_filter')
+    if not is_plain or self.core_of_abort(['sleep', '60'], lambda: True) is None:
+      skips.skip('cores', 'this system writes no core files into the folder of the process')
+    with open(self.path('netrc'), 'w') as file:
+      file.write(f'machine 127.0.0.1 login ada password {SECRETS[3]}\n')
+    with open(self.path('token'), 'w') as file:
+      file.write(SECRETS[2])
+    with ObjectServer(self.served, is_s3=True, bytes_per_second=100) as s3, \
+         ObjectServer(self.served, bytes_per_second=100) as server:
+      bearer = {'ISOSCOPE_BEARER_TOKEN_ORIGIN': server.origin}
+      token = {'ISOSCOPE_BEARER_TOKEN': SECRETS[2], **bearer}
+      password = base64.b64encode(f'ada:{SECRETS[3]}'.encode()).decode()  # as it is sent
+      cases = [('s3://bucket/v 1=+.nrrd', SECRETS[:2], self.aws(s3.origin)),
+               (server.origin + '/v.nrrd', [SECRETS[2]], token),
+               (server.origin + '/v.nrrd', [SECRETS[2]], {'ISOSCOPE_BEARER_TOKEN_FILE': self.path('token'), **bearer}),
+               (server.origin + '/v.nrrd', [password], {'NETRC': self.path('netrc')})]
+      for source, secrets, environment in cases:
+        for is_full in (False, True):
+          with self.subTest(source=source, environment=sorted(environment), is_full=is_full):
+            requests = s3.requests if source.startswith('s3:') else server.requests
+            requests.clear()
+
+            def is_reading():
+              return any('Authorization' in headers for _, headers in requests)
+
+            command = [os.path.abspath(os.path.join(BIN, 'isoscope')), 'info', '--values', source]
+            core = self.core_of_abort(command, is_reading, **environment,
+                                      **({'ISOSCOPE_FULL_CORES': '1'} if is_full else {}))
+            self.assertIsNotNone(core)
+            for secret in secrets if is_full else secrets + SECRETS:
+              self.assertEqual(secret.encode() in core, is_full, secret)
 
   def test_a_copy_that_is_killed_goes_on(self):
     large = self.path('served/large')

@@ -39,6 +39,7 @@
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/formats/vtk/legacy_vtk_words.h"
+#include "core/source/bytes/percent_code.h"
 #include "core/source/bytes/text_scanner.h"
 
 namespace isoscope::source {
@@ -72,22 +73,6 @@ constexpr std::array<LegacyType, 14> kLegacyTypes{{
     {"unsigned_long", ScalarType::kFloat64, WideType::kUint64},
     {"vtktypeuint64", ScalarType::kFloat64, WideType::kUint64},
 }};
-
-// VTK writes names without spaces: "%20" stands for one.
-std::string DecodedName(absl::string_view text) {
-  std::string name;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    int code = 0;
-    if (text[i] == '%' && i + 2 < text.size() &&
-        absl::SimpleHexAtoi(text.substr(i + 1, 2), &code)) {
-      name.push_back(static_cast<char>(code));
-      i += 2;
-    } else {
-      name.push_back(text[i]);
-    }
-  }
-  return name;
-}
 
 class LegacyParser {
  public:
@@ -212,7 +197,7 @@ class LegacyParser {
                                                     {"EDGE_FLAGS", 1}}};
     LegacyVtkArray array{.name = "", .tuples = tuples_, .is_of_cells = part_ == Part::kCells};
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string name, words_.NextText());
-    array.name = DecodedName(name);
+    array.name = PercentDecode(name);
     if (keyword == "SCALARS") {
       ISOSCOPE_ASSIGN_OR_RETURN(const std::string type, words_.NextText());
       ISOSCOPE_ASSIGN_OR_RETURN(const absl::string_view rest, words_.NextLine());
@@ -278,7 +263,7 @@ class LegacyParser {
       if (name == "NULL_ARRAY") {
         continue;
       }
-      LegacyVtkArray array{.name = DecodedName(name), .is_of_cells = part_ == Part::kCells};
+      LegacyVtkArray array{.name = PercentDecode(name), .is_of_cells = part_ == Part::kCells};
       ISOSCOPE_ASSIGN_OR_RETURN(array.components,
                                 words_.NextCount("an array's components", 0, kMaxLegacyComponents));
       ISOSCOPE_ASSIGN_OR_RETURN(
@@ -304,14 +289,14 @@ class LegacyParser {
         continue;
       }
       if (names_left > 0) {
-        last_->component_names.push_back(DecodedName(line));
+        last_->component_names.push_back(PercentDecode(line));
         --names_left;
       } else if (line == "COMPONENT_NAMES") {
         last_->component_names.clear();
         names_left = static_cast<std::size_t>(last_->components);
       } else if (is_unit && absl::StartsWith(line, "DATA ")) {
         constexpr std::size_t kMaxUnit = 64;
-        last_->unit = DecodedName(absl::StripAsciiWhitespace(line.substr(5))).substr(0, kMaxUnit);
+        last_->unit = PercentDecode(absl::StripAsciiWhitespace(line.substr(5))).substr(0, kMaxUnit);
       }
       is_unit = absl::StartsWith(line, "NAME UNITS_LABEL ");
     }

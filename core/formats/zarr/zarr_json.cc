@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/printable.h"
+#include "core/source/bytes/file_content.h"
 
 namespace isoscope::source {
 namespace {
@@ -57,6 +58,9 @@ absl::StatusOr<ZarrJson> ParseZarrJson(absl::string_view text, const std::string
     }
   }
   ZarrJson json = ZarrJson::parse(plain, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object() && absl::StartsWith(text, kLfsPointerMark)) {
+    return LfsPointerError(name);
+  }
   if (!json.is_object()) {
     return absl::InvalidArgumentError(absl::StrCat(name, ": no JSON object: it is damaged or cut"));
   }

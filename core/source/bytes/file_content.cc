@@ -3,6 +3,7 @@
 
 #include "core/source/bytes/file_content.h"
 
+#include <cstdint>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -16,6 +17,10 @@ namespace isoscope::source {
 namespace {
 
 constexpr char kUnpack[] = "unpack it, and give what is in it";
+constexpr char kLfsPointer[] = "a Git LFS pointer, not the file itself";
+constexpr char kLfsAdvice[] = "fetch it with git lfs pull";
+// Git LFS, docs/spec.md: pointers are smaller than this.
+constexpr std::int64_t kMaxLfsPointerBytes = 1024;
 constexpr char kVideo[] = "save its frames as slices, as PNG or TIFF";
 
 // Keeps the zeros in a literal.
@@ -34,8 +39,7 @@ struct Mark {
 
 const std::vector<Mark>& Marks() {
   static const auto* const marks = new std::vector<Mark>{
-      {"version https://git-lfs.github.com/spec/", "a Git LFS pointer, not the file itself",
-       "fetch it with git lfs pull"},
+      {kLfsPointerMark, kLfsPointer, kLfsAdvice},
       {"/annex/objects/", "a pointer of git-annex, not the file itself",
        "fetch it with git annex get"},
       {Bytes("\x0e\x03\x13\x01"), "HDF4",
@@ -185,6 +189,20 @@ std::string RefusedSentence(absl::string_view name, absl::string_view advice) {
 std::optional<std::string> DescribeContent(const std::string& path) {
   const auto start = ReadFileStart(path, kContentBytes);
   return start.ok() ? DescribeStart(*start) : std::nullopt;
+}
+
+absl::Status LfsPointerError(absl::string_view name) {
+  return absl::InvalidArgumentError(
+      absl::StrCat(name, ": ", RefusedSentence(kLfsPointer, kLfsAdvice)));
+}
+
+absl::Status CheckIsNoLfsPointer(const io::RandomAccessFile& file) {
+  std::string start(absl::string_view(kLfsPointerMark).size(), '\0');
+  const bool may_be_one = file.size_bytes() < kMaxLfsPointerBytes &&
+                          file.size_bytes() > static_cast<std::int64_t>(start.size());
+  return may_be_one && file.ReadAt(0, start.size(), start.data()).ok() && start == kLfsPointerMark
+             ? LfsPointerError(file.path())
+             : absl::OkStatus();
 }
 
 }  // namespace isoscope::source

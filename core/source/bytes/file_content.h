@@ -7,7 +7,10 @@
 #include <optional>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+
+#include "core/io/file.h"
 
 namespace isoscope::source {
 
@@ -45,6 +48,14 @@ std::string RefusedSentence(absl::string_view name, absl::string_view advice);
 // of others. Not set for content that a reader takes, and for what has no mark. Opens no special
 // file.
 std::optional<std::string> DescribeContent(const std::string& path);
+
+// What Git LFS leaves in place of a file that was not fetched begins with these bytes. So do its
+// pointers in place of a chunk, or of metadata.
+inline constexpr char kLfsPointerMark[] = "version https://git-lfs.github.com/spec/";
+// INVALID_ARGUMENT: `name` is such a pointer, and how to fetch the file.
+absl::Status LfsPointerError(absl::string_view name);
+// Refuses an open file that is one. Reads nothing of a file that is larger than pointers are.
+absl::Status CheckIsNoLfsPointer(const io::RandomAccessFile& file);
 
 }  // namespace isoscope::source
 

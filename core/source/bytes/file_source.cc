@@ -37,6 +37,7 @@
 #include "core/source/bytes/box_rows.h"
 #include "core/source/bytes/byte_order.h"
 #include "core/source/bytes/decoded_stream.h"
+#include "core/source/bytes/file_content.h"
 #include "core/source/bytes/zip_file.h"
 
 namespace isoscope::source {
@@ -161,7 +162,7 @@ class StoredBytes {
     file_ = nullptr;
     ISOSCOPE_ASSIGN_OR_RETURN(file_, io::OpenRandomAccessFile(location_.files[index]));
     open_index_ = index;
-    return absl::OkStatus();
+    return CheckIsNoLfsPointer(*file_);
   }
 
   // Returns the offset of the first sample in the open file.

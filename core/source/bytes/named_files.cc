@@ -9,7 +9,9 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
+#include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/bytes/file_content.h"
 #include "core/source/bytes/natural_order.h"
 
 namespace isoscope::source {
@@ -52,7 +54,9 @@ absl::Status CheckIsFile(const std::string& path) {
   if (io::IsDirectory(path)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": a folder; expected a file"));
   }
-  return io::CheckIsRegularFile(path);
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckIsRegularFile(path));
+  const auto file = io::OpenRandomAccessFile(path);
+  return file.ok() ? CheckIsNoLfsPointer(**file) : absl::OkStatus();  // who reads it says why not
 }
 
 }  // namespace isoscope::source

@@ -16,7 +16,7 @@ namespace isoscope::source {
 std::vector<std::string> FilesNamed(const std::string& path,
                                     bool (*is_wanted)(const std::string& path));
 
-// NOT_FOUND: nothing there. INVALID_ARGUMENT: a folder. Otherwise as io::CheckIsRegularFile.
+// NOT_FOUND: nothing there. INVALID_ARGUMENT: a folder, or a pointer of Git LFS. Otherwise as io::CheckIsRegularFile.
 absl::Status CheckIsFile(const std::string& path);
 
 }  // namespace isoscope::source

@@ -4,35 +4,14 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
 #include "core/base/printable.h"
+#include "core/source/bytes/percent_code.h"
 
 namespace isoscope::source {
-namespace {
-
-// What begins no %XX stays.
-std::string DecodePercents(absl::string_view text) {
-  std::string decoded;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const absl::string_view digits = text.substr(i).substr(1, 2);
-    int value = 0;
-    if (text[i] == '%' && digits.size() == 2 &&
-        absl::ascii_isxdigit(static_cast<unsigned char>(digits[0])) &&
-        absl::SimpleHexAtoi(digits, &value)) {
-      decoded.push_back(static_cast<char>(value));
-      i += 2;
-    } else {
-      decoded.push_back(text[i]);
-    }
-  }
-  return decoded;
-}
-
-}  // namespace
 
 absl::Status CheckObjectKey(absl::string_view key) {
   if (key.empty() || key.size() > kMaxKeyBytes) {
@@ -64,7 +43,7 @@ std::string LastPartOfPath(absl::string_view path) {
   if (!is_http) {
     return last;
   }
-  std::string decoded = DecodePercents(last);
+  std::string decoded = PercentDecode(last);
   const bool is_name = CheckObjectKey(decoded).ok() && !absl::StrContains(decoded, '/') &&
                        base::ValidUtf8(decoded) == decoded;
   return is_name ? decoded : last;

@@ -15,6 +15,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
@@ -65,6 +66,19 @@ SplitName Split(const std::string& name) {
   }
   split.text = absl::StrReplaceAll(split.text, {{".tiff", ".tif"}, {".jpeg", ".jpg"}});
   return split;
+}
+
+// The name with another number at one place, and with as many digits at least.
+std::string WithNumber(const std::string& name, std::size_t place, std::int64_t number) {
+  const auto is_digit = [](char c) { return absl::ascii_isdigit(static_cast<unsigned char>(c)); };
+  auto end = name.begin();
+  auto begin = end;
+  for (std::size_t i = 0; i <= place; ++i) {
+    begin = std::find_if(end, name.end(), is_digit);
+    end = std::find_if_not(begin, name.end(), is_digit);
+  }
+  return absl::StrFormat("%s%0*d%s", std::string(name.begin(), begin),
+                         static_cast<int>(end - begin), number, std::string(end, name.end()));
 }
 
 std::string BaseName(const std::string& path) { return path.substr(path.rfind('/') + 1); }
@@ -322,6 +336,53 @@ absl::Status CheckStackNames(const std::string& path, const std::vector<std::str
     return SeveralStacks(path, stacks);
   }
   return CheckNumbers(path, files, names);
+}
+
+std::vector<std::string> NamesMissingBetween(const std::vector<std::string>& files,
+                                             std::size_t least_count) {
+  constexpr std::size_t kMaxNamed = 5;
+  std::vector<SplitName> names;
+  names.reserve(files.size());
+  for (const std::string& file : files) {
+    names.push_back(Split(file));
+  }
+  const bool are_alike =
+      files.size() > 1 && std::all_of(names.begin(), names.end(), [&](const SplitName& name) {
+        return name.text == names.front().text;
+      });
+  // The only number that varies.
+  std::optional<std::size_t> place;
+  for (std::size_t i = 0; are_alike && i < names.front().numbers.size(); ++i) {
+    const bool varies = std::any_of(names.begin(), names.end(), [&](const SplitName& name) {
+      return name.digits[i] != names.front().digits[i];
+    });
+    if (varies && place.has_value()) {
+      return {};
+    }
+    place = varies ? i : place;
+  }
+  if (!place.has_value()) {
+    return {};
+  }
+  const std::vector<std::int64_t> numbers = NumbersAt(names, *place);
+  std::int64_t step = 0;
+  for (std::size_t i = 1; i < numbers.size(); ++i) {
+    step = std::gcd(step, numbers[i] - numbers[i - 1]);
+  }
+  // Too few for what there were: perhaps the distance of two is that over a gap.
+  const std::int64_t span = numbers.back() - numbers.front();
+  const auto least_span = static_cast<std::int64_t>(least_count) - 1;
+  if (step > 0 && span / step < least_span) {
+    step = span == least_span ? 1 : 0;
+  }
+  std::vector<std::string> missing;
+  for (std::size_t i = 1; step > 0 && i < numbers.size(); ++i) {
+    for (std::int64_t number = numbers[i - 1] + step;
+         number < numbers[i] && missing.size() < kMaxNamed; number += step) {
+      missing.push_back(BaseName(WithNumber(files[i - 1], *place, number)));
+    }
+  }
+  return missing;
 }
 
 }  // namespace isoscope::source

@@ -19,6 +19,7 @@
 #include <sys/socket.h>
 
 #include "core/base/status_macros.h"
+#include "core/base/thread_interrupt.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 
@@ -154,7 +155,7 @@ FarFiles::FarFiles(std::vector<io::MountedFile> files, int parent_socket, int ch
       parent_socket_(parent_socket),
       child_socket_(child_socket),
       memory_(memory),
-      by_process_(base::ProcessInterrupt(), [this] { ended_.Cancel(); }),
+      by_process_(base::InterruptOfAllThreads(), [this] { ended_.Cancel(); }),
       next_(expected_.end()) {}
 
 FarFiles::~FarFiles() {
@@ -176,7 +177,10 @@ FarFiles::~FarFiles() {
 void FarFiles::Serve() {
   close(child_socket_);
   child_socket_ = -1;
-  thread_ = std::thread([this] { Run(); });
+  thread_ = std::thread([this] {
+    const base::ThreadInterrupt interrupt(ended_);  // a server that is silent
+    Run();
+  });
 }
 
 void FarFiles::Run() {

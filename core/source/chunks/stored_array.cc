@@ -21,6 +21,7 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
@@ -34,6 +35,7 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/source/bytes/file_content.h"
 #include "core/source/chunks/shard_layout.h"
 
 namespace isoscope::source {
@@ -141,6 +143,23 @@ class StoredArray final : public ChunkedArray {
                                      absl::IsOutOfRange(status) ? ": it is cut" : ""));
   }
 
+  // The same error; of a pointer that Git LFS left in place of the object, that it is one.
+  [[nodiscard]] absl::Status Explained(const std::string& key, const absl::Status& status,
+                                       const base::Cancellation& cancellation) const {
+    if (absl::IsCancelled(status) || absl::IsDeadlineExceeded(status) ||
+        absl::IsUnavailable(status)) {
+      return status;
+    }
+    constexpr auto kSize = static_cast<std::int64_t>(sizeof(kLfsPointerMark)) - 1;
+    const ObjectRead start{.key = key, .size = kSize, .max_size = kSize};
+    const absl::StatusOr<std::string> bytes =
+        std::move(store_->Read({&start, 1}, cancellation).front());
+    return bytes.ok() && *bytes == kLfsPointerMark ? PointerError(key) : status;
+  }
+  [[nodiscard]] absl::Status PointerError(absl::string_view key) const {
+    return LfsPointerError(absl::StrCat(spec_.name, ": ", key));
+  }
+
   [[nodiscard]] absl::Status Fetch(const base::Cancellation& cancellation,
                                    std::vector<BatchChunk>* batch) const {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
@@ -164,14 +183,22 @@ class StoredArray final : public ChunkedArray {
     std::vector<absl::StatusOr<std::string>> objects = store_->Read(reads, cancellation);
     for (std::size_t i = 0; i < wanted.size(); ++i) {
       if (objects[i].ok()) {
+        // Without a codec, and of the same size, it would be taken for samples.
+        if (absl::StartsWith(*objects[i], kLfsPointerMark)) {
+          return PointerError(wanted[i]->key);
+        }
         wanted[i]->bytes = std::make_shared<const std::string>(*std::move(objects[i]));
         wanted[i]->encoded = *wanted[i]->bytes;
         wanted[i]->is_there = true;
       } else if (absl::IsResourceExhausted(objects[i].status())) {
-        return absl::DataLossError(absl::StrFormat(
-            "%s: %s: more than %d bytes, the most that its chunk of %d bytes can have: it is "
-            "damaged",
-            spec_.name, wanted[i]->key, chain_.encoded().size_bytes, chain_.decoded().size_bytes));
+        return Explained(
+            wanted[i]->key,
+            absl::DataLossError(absl::StrFormat(
+                "%s: %s: more than %d bytes, the most that its chunk of %d bytes can have: it is "
+                "damaged",
+                spec_.name, wanted[i]->key, chain_.encoded().size_bytes,
+                chain_.decoded().size_bytes)),
+            cancellation);
       } else if (!absl::IsNotFound(objects[i].status())) {
         return Named(wanted[i]->key, objects[i].status());
       }
@@ -359,7 +386,7 @@ class StoredArray final : public ChunkedArray {
       }
       auto entries = parts[i].ok() ? shards_->DecodeIndex(*parts[i]) : parts[i].status();
       if (!entries.ok()) {
-        return Named(key, entries.status());
+        return Explained(key, Named(key, entries.status()), cancellation);
       }
       Keep(key, std::make_shared<const std::vector<ShardEntry>>(*std::move(entries)), indexes);
     }

@@ -27,6 +27,7 @@
 
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/source/bytes/percent_code.h"
 
 namespace isoscope::source {
 namespace {
@@ -43,40 +44,18 @@ bool IsUnreserved(char c) {
 
 // Encodes the bytes that no path or query has, and keeps %XX. Nothing if a '%' begins no %XX.
 std::optional<std::string> EncodeMissing(absl::string_view text) {
+  if (!IsPercentEncoded(text)) {
+    return std::nullopt;
+  }
   std::string encoded;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (c == '%') {
-      if (i + 2 >= text.size() || !absl::ascii_isxdigit(static_cast<unsigned char>(text[i + 1])) ||
-          !absl::ascii_isxdigit(static_cast<unsigned char>(text[i + 2]))) {
-        return std::nullopt;
-      }
-      encoded.push_back(c);
-    } else if (IsUnreserved(c) || absl::StrContains("/!$&'()*+,;=:@?[]", c)) {
+  for (const char c : text) {
+    if (IsUnreserved(c) || absl::StrContains("%/!$&'()*+,;=:@?[]", c)) {
       encoded.push_back(c);
     } else {
       absl::StrAppendFormat(&encoded, "%%%02X", static_cast<unsigned char>(c));
     }
   }
   return encoded;
-}
-
-int HexDigit(char c) {
-  return c <= '9' ? c - '0' : absl::ascii_tolower(static_cast<unsigned char>(c)) - 'a' + 10;
-}
-
-// REQUIRES: every '%' begins a %XX.
-std::string PercentDecode(absl::string_view text) {
-  std::string decoded;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    if (text[i] == '%') {
-      decoded.push_back(static_cast<char>(HexDigit(text[i + 1]) * 16 + HexDigit(text[i + 2])));
-      i += 2;
-    } else {
-      decoded.push_back(text[i]);
-    }
-  }
-  return decoded;
 }
 
 absl::Status Refuse(absl::string_view address, absl::string_view reason) {

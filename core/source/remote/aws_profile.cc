@@ -11,6 +11,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/source/remote/core_files.h"
 
 namespace isoscope::source {
 namespace {
@@ -33,6 +34,7 @@ absl::StatusOr<std::map<std::string, AwsSection>> ReadAwsFile(const std::string&
   if (path.empty() || !io::PathExists(path)) {
     return std::map<std::string, AwsSection>{};
   }
+  LeaveMemoryOutOfCores();  // both files may have keys
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, io::ReadWholeFile(path, kMaxAwsFileBytes));
   return ParseAwsFile(text, path);
 }

@@ -20,6 +20,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/source/bytes/object_key.h"
+#include "core/source/bytes/percent_code.h"
 #include "core/source/remote/fetch.h"
 
 namespace isoscope::source {
@@ -50,24 +51,8 @@ class PageSink : public FetchSink {
 };
 
 // Not set if a '%' begins no %XX.
-std::optional<std::string> DecodeListed(absl::string_view text, bool plus_is_space) {
-  std::string decoded;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    if (text[i] == '%') {
-      int value = 0;
-      const absl::string_view digits = text.substr(i + 1, 2);
-      if (digits.size() != 2 || !absl::SimpleHexAtoi(digits, &value) ||
-          !absl::ascii_isxdigit(static_cast<unsigned char>(digits[0])) ||
-          !absl::ascii_isxdigit(static_cast<unsigned char>(digits[1]))) {
-        return std::nullopt;
-      }
-      decoded.push_back(static_cast<char>(value));
-      i += 2;
-    } else {
-      decoded.push_back(plus_is_space && text[i] == '+' ? ' ' : text[i]);
-    }
-  }
-  return decoded;
+std::optional<std::string> DecodeListed(absl::string_view text) {
+  return IsPercentEncoded(text) ? std::optional(PercentDecode(text)) : std::nullopt;
 }
 
 // ---- S3. ----------------------------------------------------------------------------------------
@@ -144,9 +129,9 @@ void RefuseDoctype(void* data, const XML_Char* /*name*/, const XML_Char* /*syste
 // Decodes the keys of a list that says that they are encoded; some servers do not heed encoding-type.
 absl::Status DecodeKeys(ListReader* reader) {
   for (ListedObject& object : reader->page.objects) {
-    std::optional<std::string> key = reader->is_encoded
-                                         ? DecodeListed(object.key, /*plus_is_space=*/true)
-                                         : std::move(object.key);
+    std::optional<std::string> key =
+        reader->is_encoded ? DecodeListed(absl::StrReplaceAll(object.key, {{"+", " "}}))
+                           : std::move(object.key);
     if (!key.has_value()) {
       return absl::InvalidArgumentError(
           "what the server sends is no list of S3: a key that is not percent-encoded");
@@ -336,7 +321,7 @@ std::vector<std::string> NamesOfIndex(absl::string_view html, absl::string_view 
     if (rest.empty() || rest.find_first_of("?#:") != absl::string_view::npos) {
       continue;  // sorting, anchors, other addresses
     }
-    std::optional<std::string> name = DecodeListed(rest, /*plus_is_space=*/false);
+    std::optional<std::string> name = DecodeListed(rest);
     if (!name.has_value()) {
       continue;
     }

@@ -14,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/source/remote/core_files.h"
 #include "core/source/remote/netrc.h"
 #include "core/source/remote/sigv4.h"
 
@@ -137,6 +138,7 @@ absl::Status RemoteClient::AddHttpCredentials(PreparedRequest* request) const {
   if (options_.netrc_file.empty() || !(url.is_https || IsLoopback(url.host))) {
     return absl::OkStatus();
   }
+  LeaveMemoryOutOfCores();
   const auto text = io::ReadWholeFile(options_.netrc_file, kMaxNetrcBytes);
   ISOSCOPE_RETURN_IF_ERROR(AsSetting("NETRC: ", text.status()));
   const auto entry = FindInNetrc(*text, url.host);

@@ -11,6 +11,7 @@
 
 #include "core/formats/open_volume.h"
 #include "core/source/bytes/file_content.h"
+#include "core/source/bytes/raw_file.h"
 #include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/folder_test.h"
@@ -143,6 +144,30 @@ TEST_F(RefusedFormatsTest, PartOfAFileIsExplainedByTheFile) {
   const std::string file = Write("a.vti", "version https://git-lfs.github.com/spec/v1\n");
   EXPECT_THAT(OpenVolumeSeries(file + ":p:x"), StatusIs(kInvalid, HasSubstr(file + ": a Git LFS")));
   EXPECT_THAT(OpenVolumeFile(file + ":p"), StatusIs(kInvalid, HasSubstr(file + ": a Git LFS")));
+}
+
+// No reader takes one for samples, or says that it is cut: also where the header is there alone.
+TEST_F(RefusedFormatsTest, PointersOfGitLfsAreNoSamples) {
+  const std::string pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n";
+  const auto is_named = [](const std::string& file) {
+    return StatusIs(kInvalid, AllOf(HasSubstr(file + ": a Git LFS"), HasSubstr("git lfs pull")));
+  };
+  const std::string zip = Write("a.zip", pointer);
+  EXPECT_THAT(OpenVolumeFile(zip), is_named(zip));
+  const std::string raw = Write("a.raw", pointer);
+  for (const std::int64_t size : {4, 1000}) {
+    EXPECT_THAT(OpenRawFile(raw, {.dims = {size, 2, 2}}), is_named(raw));
+  }
+  for (const char* const encoding : {"raw", "gzip"}) {
+    const std::string header =
+        Write("a.nhdr", absl::StrCat("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 2 2\n",
+                                     "encoding: ", encoding, "\ndata file: a.raw\n"));
+    const auto opened = OpenVolumeFile(header);
+    std::string samples(16, '\0');
+    EXPECT_THAT(opened.ok() ? (*opened)->ReadRows(0, 4, samples.data()) : opened.status(),
+                is_named(raw))
+        << encoding;
+  }
 }
 
 TEST_F(RefusedFormatsTest, WhatAReaderTakesIsNotExplained) {

@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <future>
 #include <map>
 #include <numeric>
 #include <string>
@@ -21,6 +24,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/error_reason.h"
 #include "core/base/retry_delay.h"
+#include "core/base/thread_interrupt.h"
 #include "core/indexed/unit_cache.h"
 #include "core/io/file.h"
 #include "core/partition/distribution.h"
@@ -28,6 +32,7 @@
 #include "core/volume/block_layout.h"
 #include "tests/support/draws.h"
 #include "tests/support/hdf5_volume_file.h"
+#include "tests/support/scripted_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
@@ -348,6 +353,42 @@ TEST_F(SampleOpenerTest, AStepThatChangedIsDataLoss) {
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
+// Symptom: "has 1 components of field "u" at 2 steps", of files of which one was gone.
+TEST_F(SampleOpenerTest, AStepThatIsMissingIsNamed) {
+  const std::string noise = testing::SampleNoise(5, {10, 10, 40}, volume::ScalarType::kUint8, 100);
+  const auto path_of = [&](int step) { return dir_.Sub(absl::StrCat("run_", step, ".vti")); };
+  for (int step = 0; step < 4; ++step) {
+    testing::WriteVti(path_of(step), {10, 10, 10}, "UInt8", 1, 0,
+                      noise.substr(static_cast<std::size_t>(step) * 1000, 1000));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
+                                CutSeries({.path = dir_.Sub("run_*.vti")}, OptionsTo("d"), true));
+  const auto read_without = [&](std::vector<int> missing) {
+    for (const int step : missing) {
+      fs::rename(path_of(step), absl::StrCat(path_of(step), ".away"));
+    }
+    const absl::Status status =
+        ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = 3},
+                   MakeSampleOpener(kOwn))
+            .status();
+    for (const int step : missing) {
+      fs::rename(absl::StrCat(path_of(step), ".away"), path_of(step));
+    }
+    return status;
+  };
+  const auto says = [](const std::string& what) {
+    return StatusIs(absl::StatusCode::kDataLoss,
+                    AllOf(HasSubstr(what), HasSubstr("bring it back as it was")));
+  };
+  EXPECT_THAT(read_without({2}),
+              says("run_*.vti: run_2.vti is missing: 3 are there, of 4 or more steps"));
+  EXPECT_THAT(read_without({1, 2}), says("run_*.vti: run_1.vti, run_2.vti are missing"));
+  EXPECT_THAT(read_without({3}),
+              says("files are missing before run_0.vti, behind run_2.vti or between them"));
+  EXPECT_THAT(read_without({0, 2, 3}), says("files are missing beside run_1.vti"));
+  ISOSCOPE_EXPECT_OK(read_without({}));
+}
+
 // Chunks of several channels: what is decoded counts.
 TEST_F(SampleOpenerTest, ChunksOfManyChannelsAreMeasuredWhole) {
   const std::int64_t channels = 5;
@@ -513,6 +554,76 @@ TEST_F(SampleOpenerTest, ASourceThatVanishesUnderAReaderIsNotFoundUntilItIsBack)
   testing::WriteFile(path, std::string(13, 'h') + samples_);
   absl::SleepFor(UnitCache::kDoubtfulLife);
   ISOSCOPE_EXPECT_OK(read());
+}
+
+// Symptom: frames waited, whatever their cancellations, for one that asked a silent server again.
+TEST_F(SampleOpenerTest, ACancelledFrameWaitsForNoServerAndOthersGetTheSource) {
+  const math::Index3 dims{70, 130, 132};
+  const testing::ServedObject object{
+      .bytes = absl::StrCat("NRRD0004\ntype: uint16\ndimension: 3\nsizes: 70 130 132\n",
+                            "encoding: raw\nendian: little\n\n",
+                            testing::SampleNoise(7, dims, volume::ScalarType::kUint16, 100))};
+  // Then it says that the object is another one, and answers nothing to who opens it.
+  std::atomic<bool> is_silent{false};
+  std::atomic<int> opening_count{0};
+  testing::ScriptedServer server(
+      [&](const testing::ServedRequest& request, testing::ServedConnection* connection) {
+        if (!is_silent) {
+          testing::ServeObject(object, request, connection);
+        } else if (!request.Header("if-match").empty()) {
+          connection->Send(testing::Answer(412, "", ""));
+        } else {
+          ++opening_count;
+          connection->Hang();
+        }
+      });
+  partition::PartitionOptions options = OptionsTo("d");
+  options.block_cells = {8, 8, 8};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::Manifest manifest,
+                                Cut({.path = server.origin() + "/v.nrrd"}, options, true));
+  const SourceAccess access{.allowed = {{.recorded = server.origin(), .actual = server.origin()}}};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, MakeSampleOpener(access)(manifest));
+  is_silent = true;
+  struct Frame {
+    base::Cancellation cancellation;
+    std::future<absl::Status> read;
+
+    [[nodiscard]] bool HasEnded() const {  // the server's silence is given up much later
+      return read.wait_for(std::chrono::seconds(20)) == std::future_status::ready;
+    }
+  };
+  std::array<Frame, 4> frames;
+  const auto begin = [&](Frame* frame) {
+    frame->read = std::async(std::launch::async, [&reader, frame] {
+      std::string samples(11 * 11 * 11 * 2, '\0');
+      return reader->ReadBlock(0, frame->cancellation, samples.data());
+    });
+  };
+  auto& [opens, waits, doubts, goes_on] = frames;
+  begin(&opens);
+  for (int i = 0; i < 2000 && opening_count == 0; ++i) {
+    absl::SleepFor(absl::Milliseconds(10));
+  }
+  EXPECT_GT(opening_count, 0);
+  begin(&waits);
+  doubts.read = std::async(std::launch::async, [&reader, &doubts] {
+    const base::ThreadInterrupt interrupt(doubts.cancellation);
+    return reader->Doubt(0);
+  });
+  begin(&goes_on);
+  absl::SleepFor(absl::Milliseconds(50));  // they wait for the first one
+  const auto is_cancelled = StatusIs(absl::StatusCode::kCancelled);
+  for (Frame* const frame : {&waits, &doubts}) {
+    frame->cancellation.Cancel();
+    EXPECT_TRUE(frame->HasEnded());
+    EXPECT_THAT(frame->read.get(), is_cancelled);
+  }
+  is_silent = false;
+  opens.cancellation.Cancel();
+  EXPECT_TRUE(opens.HasEnded());
+  EXPECT_THAT(opens.read.get(), is_cancelled);
+  EXPECT_TRUE(goes_on.HasEnded());
+  ISOSCOPE_EXPECT_OK(goes_on.read.get());
 }
 
 // A manifest can make no agent read what its operator does not allow.

@@ -12,6 +12,7 @@ namespace isoscope::source {
 namespace {
 
 using ::isoscope::testing::StatusIs;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -44,6 +45,13 @@ TEST(ZarrJsonTest, RefusesWhatIsNoObject) {
   std::string deep = "{\"a\": ";
   deep += std::string(100'000, '[') + std::string(100'000, ']') + "}";
   EXPECT_THAT(ParseZarrJson(deep, "x"), StatusIs(kInvalid, HasSubstr("64 levels")));
+}
+
+TEST(ZarrJsonTest, NamesAPointerOfGitLfs) {
+  EXPECT_THAT(ParseZarrJson("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n",
+                            "f.zarr/.zattrs"),
+              StatusIs(kInvalid, AllOf(HasSubstr("f.zarr/.zattrs: a Git LFS pointer"),
+                                       HasSubstr("git lfs pull"))));
 }
 
 TEST(ZarrJsonTest, ShowsLittleOfAStrangersValue) {

@@ -218,6 +218,10 @@ TEST(ZarrSeriesTest, OpensArchives) {
   for (const std::string folder : {"", "scan.zarr/"}) {
     for (const bool is_deflated : {false, true}) {
       testing::ZipWriter zip;
+      // What zarr-python writes again stands in the archive twice: the last one counts.
+      for (const auto& [key, bytes] : Image()) {
+        zip.Add(folder + key, bytes.substr(0, bytes.size() / 2) + "{", !is_deflated);
+      }
       for (const auto& [key, bytes] : Image()) {
         zip.Add(folder + key, bytes, is_deflated);
       }

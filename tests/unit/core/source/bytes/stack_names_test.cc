@@ -137,5 +137,31 @@ TEST_F(StackNamesTest, NumbersBeyond64BitsAreNotMixedUp) {
               StatusIs(kInvalid, HasSubstr("have the same number")));
 }
 
+// What a series of steps lacks, where its names tell.
+TEST(NamesMissingBetweenTest, NamesThoseBetweenTheirNeighbours) {
+  using ::testing::ElementsAre;
+  using ::testing::IsEmpty;
+  EXPECT_THAT(NamesMissingBetween({"d3/run_0.vti", "d3/run_1.vti", "d3/run_3.vti"}, 4),
+              ElementsAre("run_2.vti"));
+  EXPECT_THAT(NamesMissingBetween({"run_0.vti", "run_2.vti"}, 3), ElementsAre("run_1.vti"));
+  EXPECT_THAT(NamesMissingBetween({"r008.vti", "r009.vti", "r012.vti"}, 4),
+              ElementsAre("r010.vti", "r011.vti"));
+  EXPECT_THAT(NamesMissingBetween({"r2_0.vti", "r2_10.vti", "r2_30.vti"}, 4),
+              ElementsAre("r2_20.vti"));
+  EXPECT_THAT(NamesMissingBetween({"r1.vti", "r2.vti", "r100.vti"}, 4),
+              ElementsAre("r3.vti", "r4.vti", "r5.vti", "r6.vti", "r7.vti"));
+  // The first or the last one; distances that are several; names that are not of one series.
+  for (const std::vector<std::string>& files : {std::vector<std::string>{},
+                                                {"r1.vti"},
+                                                {"r1.vti", "r2.vti"},
+                                                {"r0.vti", "r20.vti"},
+                                                {"a.vti", "b.vti"},
+                                                {"a1.vti", "b3.vti"},
+                                                {"a1_1.vti", "a2_3.vti"},
+                                                {"a1.vti", "a01.vti"}}) {
+    EXPECT_THAT(NamesMissingBetween(files, 3), IsEmpty());
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::source

@@ -307,6 +307,44 @@ TEST(StoredArrayTest, SaysWhichChunkIsDamaged) {
   EXPECT_THAT(read({{"c/0/0", index}}, shards), StatusIs(kDataLoss, HasSubstr("c/0/0")));
 }
 
+// Whatever the codecs: as samples of just its size, too large, too small, and in place of a shard.
+TEST(StoredArrayTest, NamesAPointerOfGitLfsInPlaceOfAChunk) {
+  const std::string pointer =
+      absl::StrCat("version https://git-lfs.github.com/spec/v1\noid sha256:", std::string(64, '0'),
+                   "\nsize 12345\n");
+  const auto size = static_cast<std::int64_t>(pointer.size());
+  const std::string plain = R"(["bytes"])";
+  const auto sharded = [](const char* location) {
+    return absl::StrCat(R"([{"name": "sharding_indexed", "configuration": {"chunk_shape": [1],
+                             "codecs": ["bytes"], "index_codecs": ["bytes"],
+                             "index_location": ")",
+                        location, R"("}}])");
+  };
+  struct Array {
+    std::int64_t samples;
+    std::string codecs;
+  };
+  for (const Array& array : {Array{size, plain}, Array{10, plain}, Array{4000, plain},
+                             Array{size, R"(["bytes", "gzip"])"}, Array{7, sharded("start")},
+                             Array{4000, sharded("start")}, Array{4000, sharded("end")}}) {
+    SCOPED_TRACE(absl::StrCat(array.samples, " ", array.codecs));
+    auto store =
+        std::make_shared<const MemoryStore>(std::map<std::string, std::string>{{"c/0", pointer}});
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto opened,
+                                  OpenStoredArray(store, {.name = "a.zarr",
+                                                          .dims = {array.samples},
+                                                          .chunk_dims = {array.samples},
+                                                          .type = NumberType::kUint8,
+                                                          .fill = std::string(1, '\0'),
+                                                          .codecs = Codecs(array.codecs),
+                                                          .key_of = KeyOf}));
+    std::string out(static_cast<std::size_t>(array.samples), '\0');
+    EXPECT_THAT(opened->ReadBox(BoxOf({array.samples}), out.data(), nullptr, Never()),
+                StatusIs(kInvalid, AllOf(HasSubstr("a.zarr: c/0: a Git LFS pointer"),
+                                         HasSubstr("git lfs pull"))));
+  }
+}
+
 TEST(StoredArrayTest, RefusesSizesThatMakeNoSense) {
   const auto open = [](ChunkIndex dims, ChunkIndex chunk_dims, const std::string& codecs) {
     return OpenStoredArray(

@@ -1,0 +1,46 @@
+#include "core/formats/missing_steps.h"
+
+#include <cstddef>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+
+#include "core/source/bytes/stack_names.h"
+
+namespace isoscope::source {
+namespace {
+
+std::string NameOfFile(const std::string& path) { return path.substr(path.rfind('/') + 1); }
+
+// files: those that are there, one for each step
+std::string WhatIsMissing(const std::vector<std::string>& files, int least_count) {
+  const std::vector<std::string> missing =
+      NamesMissingBetween(files, static_cast<std::size_t>(least_count));
+  if (!missing.empty()) {
+    return absl::StrCat(absl::StrJoin(missing, ", "),
+                        missing.size() == 1 ? " is missing" : " are missing");
+  }
+  return files.size() == 1
+             ? absl::StrCat("files are missing beside ", NameOfFile(files.front()))
+             : absl::StrCat("files are missing before ", NameOfFile(files.front()), ", behind ",
+                            NameOfFile(files.back()), " or between them");
+}
+
+}  // namespace
+
+std::string DescribeMissingSteps(const OpenRequest& request, int step_count, int least_count) {
+  const absl::StatusOr<std::vector<std::string>> files = FilesOf(request);
+  const bool is_file_a_step = files.ok() && !files->empty() &&
+                              files->size() == static_cast<std::size_t>(step_count) &&
+                              files->front() != request.path;
+  return is_file_a_step
+             ? absl::StrFormat("%s: %d are there, of %d or more steps",
+                               WhatIsMissing(*files, least_count), step_count, least_count)
+             : absl::StrFormat("has %d steps, expected %d or more, as there were", step_count,
+                               least_count);
+}
+
+}  // namespace isoscope::source
