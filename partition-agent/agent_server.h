@@ -37,7 +37,7 @@ struct AgentServerOptions {
   std::shared_ptr<base::TaskArena> arena;
   std::shared_ptr<AgentMemory> memory;
   // Opens the sources of index-only shards; empty: there may be none. Takes at most
-  // memory->source_bytes().
+  // memory->source_bytes() and source_index_bytes().
   store::OpenSamples open_samples = nullptr;
   // Mailboxes of a coordinator in this process, which takes pixels from there; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;

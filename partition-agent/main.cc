@@ -186,6 +186,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerF
   options.memory = std::make_shared<AgentMemory>(limit_bytes, AgentMemory::kDefaultStepCount,
                                                  options.arena->max_concurrency());
   access.max_bytes = options.memory->source_bytes();
+  access.max_index_bytes = options.memory->source_index_bytes();
   options.open_samples = indexed::MakeSampleOpener(access);
   ISOSCOPE_ASSIGN_OR_RETURN(
       options.renderer,

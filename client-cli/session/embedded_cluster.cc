@@ -161,6 +161,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   // The user's own dataset, with the user's rights.
   ISOSCOPE_ASSIGN_OR_RETURN(indexed::SourceAccess access, indexed::AccessOfUser());
   access.max_bytes = memory->source_bytes();
+  access.max_index_bytes = memory->source_index_bytes();
   agent_options.open_samples = indexed::MakeSampleOpener(access);
   agent_options.mailboxes = mailboxes;
   agent_options.frame_executor = frame_executor;

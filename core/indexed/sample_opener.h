@@ -32,6 +32,8 @@ struct SourceAccess {
   std::vector<AllowedSource> allowed{};
   // Of units, kept or in the making, of all datasets together (unit_cache.h).
   std::size_t max_bytes = static_cast<std::size_t>(256 * base::kMiB);
+  // Of indexes of shards that are kept, of all sources of the process together (shard_indexes.h).
+  std::size_t max_index_bytes = static_cast<std::size_t>(64 * base::kMiB);
 };
 
 // What commands of a user read: any local file, and what ISOSCOPE_ALLOW_SOURCE names, such as an
@@ -41,7 +43,8 @@ absl::StatusOr<SourceAccess> AccessOfUser();
 // The memory of SourceAccess::max_bytes by default, for plans of others.
 inline constexpr std::size_t kDefaultSourceBytes = static_cast<std::size_t>(256 * base::kMiB);
 
-// Returns a function that opens sources. Readers of one dataset share its source. The function and
+// Returns a function that opens sources, and bounds the indexes of shards in the process. Readers of
+// one dataset share its source. The function and
 // its readers share one cache, and are thread-safe. Readers take the whole of the unit that has a
 // block's first own sample.
 //

@@ -9,7 +9,8 @@
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
 //   6. blocks.bin        size; each block's CRC-32C when it is read. That of an index-only shard has
-//                        overhangs: its source is opened, and blocks are made of both (block_overhang.h)
+//                        overhangs, and blocks are made of both (block_overhang.h). Its source is
+//                        opened from step 2 on, by another thread, because it may be far away
 //   7. histogram.bin     on request only: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
@@ -26,6 +27,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 #include <iterator>
 #include <memory>
 #include <utility>
@@ -62,6 +64,29 @@ absl::Status CheckFileCrc32c(const std::string& path, absl::string_view bytes,
                                     "%s: crc32c of the file 0x%08x, %s expects 0x%08x: it is %s",
                                     path, computed, expected_by, expected, suspicion));
 }
+
+// Opens the source of an index-only shard on a thread of its own, if there is one to be had.
+class SamplesAhead {
+ public:
+  // Both outlive it.
+  SamplesAhead(const Manifest& manifest, const OpenSamples& open_samples)
+      : open_samples_(open_samples) {
+    if (manifest.in_source.has_value() && open_samples != nullptr) {
+      samples_ = std::async(std::launch::async | std::launch::deferred,
+                            [&manifest, &open_samples] { return open_samples(manifest); });
+    }
+  }
+
+  // Waits for that thread. For one call, of what was given to the constructor. This outlives it.
+  [[nodiscard]] OpenSamples opener() {
+    return samples_.valid() ? OpenSamples([this](const Manifest&) { return samples_.get(); })
+                            : open_samples_;
+  }
+
+ private:
+  const OpenSamples& open_samples_;
+  std::future<absl::StatusOr<std::shared_ptr<const SampleReader>>> samples_;
+};
 
 }  // namespace
 
@@ -130,9 +155,10 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   reader->manifest_ = std::move(descriptions.manifest);
   reader->manifest_crc32c_ = descriptions.manifest_crc32c;
   reader->layout_ = descriptions.layout;
+  SamplesAhead samples(reader->manifest_, open_samples);
   ISOSCOPE_RETURN_IF_ERROR(reader->OpenRanges(open_file));
   ISOSCOPE_RETURN_IF_ERROR(reader->ReadShardFile(open_file));
-  ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file, open_samples));
+  ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file, samples.opener()));
   return reader;
 }
 

@@ -3,7 +3,7 @@
 //   1/4          steps in work: ReserveStep waits until a step's bytes fit
 //   1/16, 1/32   images and layers that wait for the next step
 //   1/32         open volumes, if there are series
-//   1/8          units of sources, if there are index-only shards
+//   1/8, 1/64    units of sources, and indexes of their shards, if there are index-only shards
 //   the rest     in use with the shards open, and trees and pages of large volumes; the cache gets
 //                half of what is left, threads a quarter, and allocators and messages a quarter
 //                (Settle); threads that need more get it from the cache
@@ -181,7 +181,7 @@ std::size_t AgentMemory::ForFrames(std::size_t limit_bytes) const {
   return limit_bytes / kStepsShare + limit_bytes / kIdleImagesShare +
          limit_bytes / kIdleLayersShare +
          (has_series_.load() ? limit_bytes / kOpenVolumesShare : 0) +
-         (has_source_.load() ? limit_bytes / kSourceShare : 0);
+         (has_source_.load() ? limit_bytes / kSourceShare + limit_bytes / kSourceIndexShare : 0);
 }
 
 std::size_t AgentMemory::read_bytes() const { return ReadBytesOf(limit_bytes_, step_count_); }

@@ -80,6 +80,8 @@ class AgentMemory {
   // The units of sources of index-only shards. NoteSource: there are some, so the cache leaves room
   // for them. Call it before Settle.
   [[nodiscard]] std::size_t source_bytes() const { return limit_bytes_ / kSourceShare; }
+  // Of the indexes of their shards: room for those of a million chunks in a GiB.
+  [[nodiscard]] std::size_t source_index_bytes() const { return limit_bytes_ / kSourceIndexShare; }
   void NoteSource() { has_source_.store(true); }
   // A shard has blocks of this size. Call it before Settle.
   void NoteBlocks(const math::Index3& block_cells);
@@ -122,7 +124,9 @@ class AgentMemory {
   [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
 
  private:
-  static constexpr std::size_t kSourceShare = 8;  // of the limit, if there are index-only shards
+  // Shares of the limit, if there are index-only shards.
+  static constexpr std::size_t kSourceShare = 8;
+  static constexpr std::size_t kSourceIndexShare = 64;
 
   [[nodiscard]] std::size_t StepBytes(const view::Viewport& viewport, int max_layers) const;
   // With another limit: the bytes of all threads of the arena, and of what frames and open volumes

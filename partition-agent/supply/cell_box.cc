@@ -9,6 +9,9 @@
 // each side mostly settles that side, and the first block with a cell at the very side does. Rounds
 // grow, so that a surface which fills the volume costs a few blocks, and a thin one few rounds.
 //
+// Of a far source a round trip costs more than blocks do, and a unit has many blocks. So its rounds
+// count units, and grow faster, and blocks of units that were read cost nothing.
+//
 // The result does not depend on the order: it is the box around all active cells.
 
 #include "partition-agent/supply/cell_box.h"
@@ -17,10 +20,13 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <set>
 #include <utility>
 
 #include "core/base/status_macros.h"
 #include "core/extract/active_cells.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_samples.h"
 #include "partition-agent/supply/block_reads.h"
@@ -29,11 +35,15 @@
 namespace isoscope::agent {
 namespace {
 
-// Blocks of a round for each side of the box.
-constexpr std::size_t kFirstRoundBlocks = 4;
-constexpr std::size_t kMaxRoundBlocks = 1024;
+// Reads of a round for each side of the box: blocks, or units of a far source.
+constexpr std::size_t kFirstRoundReads = 4;
+constexpr std::size_t kMaxRoundReads = 1024;
+constexpr std::size_t kGrowth = 2;  // from round to round
+constexpr std::size_t kFarGrowth = 4;
 
 constexpr std::size_t kSides = 6;
+
+using UnitKey = std::array<std::int64_t, 3>;
 
 // An active block that was not read yet.
 struct Candidate {
@@ -69,7 +79,7 @@ class CellBoxSearch {
         candidates_(CandidatesOf(blocks)) {}
 
   absl::StatusOr<math::IndexBox> Run() {
-    for (std::size_t count = kFirstRoundBlocks;; count = std::min(2 * count, kMaxRoundBlocks)) {
+    for (std::size_t count = kFirstRoundReads;;) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
       std::erase_if(candidates_, [&](const Candidate& candidate) {
         return box_.Covers(layout_.CellsOf(candidate.block_id));
@@ -78,34 +88,63 @@ class CellBoxSearch {
         return box_;
       }
       ISOSCOPE_RETURN_IF_ERROR(Read(TakeOutermost(count)));
+      count = std::min(count * (read_units_.empty() ? kGrowth : kFarGrowth), kMaxRoundReads);
     }
   }
 
  private:
-  // Removes and returns candidates that touch the hull of all where it exceeds the box: at most
-  // `count` for each side, and at least one. Their order stays.
+  // Removes and returns candidates that touch the hull of all where it exceeds the box: of at most
+  // `count` reads for each side, and at least one. Their order stays.
   std::vector<BlockToRead> TakeOutermost(std::size_t count) {
     math::IndexBox hull;
     for (const Candidate& candidate : candidates_) {
       hull.Add(layout_.CellsOf(candidate.block_id));
     }
     std::array<std::size_t, kSides> left{};
+    std::array<bool, kSides> exceeds{};
     for (std::size_t side = 0; side < kSides; ++side) {
-      left[side] = Exceeds(hull, side) ? count : 0;
+      exceeds[side] = Exceeds(hull, side);
+      left[side] = count;
     }
     std::vector<BlockToRead> taken;
     std::erase_if(candidates_, [&](const Candidate& candidate) {
       const math::IndexBox cells = layout_.CellsOf(candidate.block_id);
       for (std::size_t side = 0; side < kSides; ++side) {
-        if (left[side] > 0 && SideOf(cells, side) == SideOf(hull, side)) {
-          --left[side];
-          taken.push_back(candidate.block);
-          return true;
+        if (!exceeds[side] || SideOf(cells, side) != SideOf(hull, side)) {
+          continue;
         }
+        const bool is_free = IsOfReadUnit(candidate);
+        if (!is_free && left[side] == 0) {
+          continue;
+        }
+        left[side] -= is_free ? 0 : 1;
+        NoteUnit(candidate);
+        taken.push_back(candidate.block);
+        return true;
       }
       return false;
     });
     return taken;
+  }
+
+  // Returns the unit of a far source that has a block; nothing of other sources.
+  [[nodiscard]] std::optional<UnitKey> FarUnitOf(const Candidate& candidate) const {
+    const store::SampleReader* const samples =
+        blocks_.shards()[candidate.block.shard_index]->reader->samples();
+    if (samples == nullptr || samples->is_local()) {
+      return std::nullopt;
+    }
+    const math::Index3 unit = samples->UnitOf(candidate.block_id);
+    return UnitKey{unit.x, unit.y, unit.z};
+  }
+  [[nodiscard]] bool IsOfReadUnit(const Candidate& candidate) const {
+    const std::optional<UnitKey> unit = FarUnitOf(candidate);
+    return unit.has_value() && read_units_.contains(*unit);
+  }
+  void NoteUnit(const Candidate& candidate) {
+    if (const std::optional<UnitKey> unit = FarUnitOf(candidate); unit.has_value()) {
+      read_units_.insert(*unit);
+    }
   }
 
   // The sides are those of begin, then those of end.
@@ -148,6 +187,7 @@ class CellBoxSearch {
   const AgentResources& resources_;
   const base::Cancellation& cancellation_;
   std::vector<Candidate> candidates_;
+  std::set<UnitKey> read_units_;  // of a far source, which all shards share
   math::IndexBox box_;
 };
 

@@ -8,7 +8,7 @@
 // The next batch is fetched while this one is decoded. So memory holds two batches of encoded
 // chunks, and on each thread a chunk that is decoded. Fewer threads decode if chunks are large.
 //
-// A shard's index is kept for the next batches, with those of other shards, up to 64 MiB.
+// A shard's index is kept for the next batches, with those of other shards (shard_indexes.h).
 
 #include "core/source/chunks/stored_array.h"
 
@@ -36,6 +36,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/source/bytes/file_content.h"
+#include "core/source/chunks/shard_indexes.h"
 #include "core/source/chunks/shard_layout.h"
 
 namespace isoscope::source {
@@ -46,11 +47,10 @@ constexpr std::size_t kBatchChunks = 256;
 // Ranges of a shard with fewer bytes between them are read as one: less than a request costs.
 constexpr std::int64_t kJoinGapBytes = 64 * base::kKiB;
 constexpr std::int64_t kMaxJoinedBytes = 16 * base::kMiB;
-constexpr std::int64_t kMaxIndexBytes = 64 * base::kMiB;      // of all shards
 constexpr std::int64_t kMaxDecodingBytes = 256 * base::kMiB;  // on all threads
 constexpr std::int64_t kMaxChainBytes = 4 * base::kGiB;       // of one chunk
 
-using ShardIndex = std::shared_ptr<const std::vector<ShardEntry>>;
+using ShardIndex = ShardIndexes::Index;
 
 // A chunk on its way.
 struct BatchChunk {
@@ -74,7 +74,9 @@ class StoredArray final : public ChunkedArray {
         shards_(std::move(shards)),
         objects_(spec_.dims, spec_.chunk_dims),
         chunks_(spec_.dims, this->info().chunk_dims),
-        lanes_(lanes) {}
+        lanes_(lanes),
+        number_(indexes_.NumberArray()) {}
+  ~StoredArray() override { indexes_.Forget(number_); }
 
   [[nodiscard]] absl::Status ReadBox(const ChunkBox& box, char* out, ChunkCache* cache,
                                      const base::Cancellation& cancellation) const override {
@@ -319,8 +321,8 @@ class StoredArray final : public ChunkedArray {
           if (indexes->contains(key)) {
             continue;
           }
-          if (const auto known = indexes_.find(key); known != indexes_.end()) {
-            (*indexes)[key] = known->second;
+          if (std::optional<ShardIndex> known = indexes_.Find(number_, key); known.has_value()) {
+            (*indexes)[key] = *std::move(known);
           } else if (claim.keys.insert(key); !in_flight_.insert(key).second) {
             claim.keys.erase(key);
             of_others.insert(key);
@@ -395,13 +397,7 @@ class StoredArray final : public ChunkedArray {
 
   void Keep(const std::string& key, ShardIndex index,
             std::map<std::string, ShardIndex>* indexes) const {
-    const std::int64_t most = std::max<std::int64_t>(
-        kMaxIndexBytes / (shards_->index_bytes() + static_cast<std::int64_t>(key.size()) + 128), 1);
-    const base::MutexLock lock(&mutex_);
-    if (static_cast<std::int64_t>(indexes_.size()) >= most) {
-      indexes_.clear();  // planes go on to other shards
-    }
-    indexes_[key] = index;
+    indexes_.Keep(number_, key, index);
     (*indexes)[key] = std::move(index);
   }
 
@@ -458,10 +454,11 @@ class StoredArray final : public ChunkedArray {
   const ChunkGrid objects_;
   const ChunkGrid chunks_;
   const std::int64_t lanes_;  // chunks that are decoded at a time
+  ShardIndexes& indexes_ = ShardIndexes::OfProcess();
+  const std::int64_t number_;  // of this array there
 
   mutable base::Mutex mutex_;
   mutable base::CondVar landed_;
-  mutable std::map<std::string, ShardIndex> indexes_ ABSL_GUARDED_BY(mutex_);  // by key
   mutable std::set<std::string> in_flight_ ABSL_GUARDED_BY(mutex_);  // keys that a reader asks for
 };
 
@@ -549,7 +546,7 @@ absl::StatusOr<std::unique_ptr<ChunkedArray>> OpenStoredArray(
   const std::int64_t lanes = std::clamp<std::int64_t>(kMaxDecodingBytes / chunk, 1, threads);
   const std::int64_t memory_bytes =
       2 * batch + lanes * chunk +
-      (has_shards ? std::max(kMaxIndexBytes, shards->index_bytes()) : 0);
+      (has_shards ? std::max(ShardIndexes::kDefaultMaxBytes, shards->index_bytes()) : 0);
   ChunkedArrayInfo info{.name = spec.name,
                         .dims = spec.dims,
                         .chunk_dims = std::move(chunk_dims),

@@ -28,6 +28,7 @@
 #include "core/indexed/unit_cache.h"
 #include "core/io/file.h"
 #include "core/partition/distribution.h"
+#include "core/source/chunks/shard_indexes.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_layout.h"
 #include "tests/support/draws.h"
@@ -775,6 +776,21 @@ TEST(AccessOfUserTest, ReadsLocalFilesAndWhatTheEnvironmentAllows) {
               testing::StatusIs(absl::StatusCode::kInvalidArgument,
                                 ::testing::HasSubstr("ISOSCOPE_ALLOW_SOURCE: 'a'")));
   unsetenv(kVariable);  // NOLINT(concurrency-mt-unsafe)
+}
+
+// The agent's limit has a share for them.
+TEST(SampleOpenerIndexTest, AnOpenerBoundsTheIndexesOfShards) {
+  source::ShardIndexes& indexes = source::ShardIndexes::OfProcess();
+  const std::int64_t array = indexes.NumberArray();
+  constexpr std::size_t kMaxBytes = 4096;
+  const store::OpenSamples open =
+      MakeSampleOpener({.allows_local_files = true, .max_index_bytes = kMaxBytes});
+  for (int shard = 0; shard < 100; ++shard) {
+    indexes.Keep(array, absl::StrCat(shard), nullptr);
+    EXPECT_LE(indexes.kept_bytes(), std::int64_t{kMaxBytes});
+  }
+  indexes.Forget(array);
+  indexes.SetMaxBytes(source::ShardIndexes::kDefaultMaxBytes);
 }
 
 }  // namespace

@@ -271,6 +271,21 @@ TEST(AgentMemoryTest, ThreadsWithLargeBlocksTakeFromTheCacheOrAreRefusedByName) 
   ISOSCOPE_EXPECT_OK(enough.Settle());
 }
 
+// Units and indexes of sources are memory of the process, so the cache gets less.
+TEST(AgentMemoryTest, WithSourcesTheCacheLeavesRoomForUnitsAndIndexes) {
+  constexpr std::size_t kLimit = std::size_t{8192} * kMiB;
+  AgentMemory without(kLimit);
+  AgentMemory with(kLimit);
+  with.NoteSource();
+  ISOSCOPE_ASSERT_OK(without.Settle(std::nullopt, /*touches_ahead=*/false));
+  ISOSCOPE_ASSERT_OK(with.Settle(std::nullopt, /*touches_ahead=*/false));
+  EXPECT_GT(with.source_index_bytes(), 100 * kMiB);
+  const auto room = static_cast<double>(with.source_bytes() + with.source_index_bytes());
+  const auto less = static_cast<double>(without.cache()->meshes()->max_bytes() -
+                                        with.cache()->meshes()->max_bytes());
+  EXPECT_NEAR(less, room / 2 * 11 / 16, 8 * kMiB);  // half of what is left, most for meshes
+}
+
 TEST(AgentMemoryTest, StepsWaitForEachOtherAndCanBeCancelled) {
   AgentMemory memory(AgentMemory::kMinLimitBytes);
   const base::Cancellation never;

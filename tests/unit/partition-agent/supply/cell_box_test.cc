@@ -3,20 +3,32 @@
 
 #include "partition-agent/supply/cell_box.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
 #include "core/extract/active_cells.h"
 #include "core/partition/partitioner.h"
+#include "core/source/volume_source.h"
+#include "core/store/block_overhang.h"
+#include "core/store/sample_reader.h"
 #include "core/store/shard_format.h"
 #include "partition-agent/memory/agent_metrics.h"
 #include "tests/support/memory_source.h"
@@ -31,6 +43,113 @@ using testing::SmallDataset;
 using testing::StatusIs;
 using volume::InsideRule;
 using volume::ScalarType;
+
+constexpr std::int64_t kUnitEdge = 32;
+
+// Bytes [z][y][x] that are read in units, in any order.
+class UnitSource final : public source::VolumeSource {
+ public:
+  UnitSource(const volume::GridGeometry& geometry, std::string samples)
+      : VolumeSource({.name = "units", .geometry = geometry, .type = ScalarType::kUint8}),
+        samples_(std::move(samples)) {}
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const std::int64_t row_bytes = info().row_bytes();
+    std::copy_n(samples_.data() + begin_row * row_bytes, (end_row - begin_row) * row_bytes, out);
+    return absl::OkStatus();
+  }
+  [[nodiscard]] std::optional<source::BoxGrid> box_grid() const override {
+    return source::BoxGrid{.box_dims = {kUnitEdge, kUnitEdge, kUnitEdge}};
+  }
+  [[nodiscard]] absl::Status ReadBox(const math::IndexBox& box, char* out,
+                                     const base::Cancellation& /*cancellation*/) const override {
+    const math::Index3& dims = info().geometry.sample_dims;
+    for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+      for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
+        out = std::copy_n(samples_.data() + (z * dims.y + y) * dims.x + box.begin.x, box.dims().x,
+                          out);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const std::string samples_;
+};
+
+// Reads blocks from that source. Counts rounds of reads, before each of which units are looked for,
+// and the units that they need.
+class CountedRounds final : public store::SampleReader {
+ public:
+  CountedRounds(const source::VolumeSource* source, const store::Manifest& manifest, bool is_local)
+      : source_(*source),
+        layout_(
+            volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells).value()),
+        in_source_(*manifest.in_source),
+        is_local_(is_local) {}
+
+  [[nodiscard]] absl::Status ReadBlock(volume::BlockId id, const base::Cancellation& cancellation,
+                                       char* out) const override {
+    const math::IndexBox part = store::PartInUnit(layout_, in_source_, id);
+    const math::IndexBox stored = layout_.StoredSamplesOf(id);
+    for (std::int64_t z = part.begin.z; z < part.end.z; ++z) {
+      for (std::int64_t y = part.begin.y; y < part.end.y; ++y) {
+        char* const row =
+            out + ((z - stored.begin.z) * stored.dims().y + y - stored.begin.y) * stored.dims().x +
+            part.begin.x - stored.begin.x;
+        ISOSCOPE_RETURN_IF_ERROR(source_.ReadBox(
+            {.begin = {part.begin.x, y, z}, .end = {part.end.x, y + 1, z + 1}}, row, cancellation));
+      }
+    }
+    Note(UnitOf(id));
+    return absl::OkStatus();
+  }
+  [[nodiscard]] math::Index3 UnitOf(volume::BlockId id) const override {
+    return store::UnitOfBlock(layout_, in_source_, id);
+  }
+  [[nodiscard]] absl::Status ReadUnit(const math::Index3& unit,
+                                      const base::Cancellation& /*cancellation*/) const override {
+    Note(unit);
+    return absl::OkStatus();
+  }
+  [[nodiscard]] absl::Status Doubt(volume::BlockId /*id*/) const override {
+    return absl::OkStatus();
+  }
+  [[nodiscard]] bool HasUnit(const math::Index3& /*unit*/) const override {
+    const base::MutexLock lock(&mutex_);
+    round_count_ += std::exchange(is_new_, false) ? 1 : 0;
+    return false;
+  }
+  [[nodiscard]] std::size_t max_units_ahead() const override { return 4; }
+  [[nodiscard]] const std::string& name() const override { return in_source_.request.at("path"); }
+  [[nodiscard]] bool is_local() const override { return is_local_; }
+
+  [[nodiscard]] int round_count() const {
+    const base::MutexLock lock(&mutex_);
+    return round_count_;
+  }
+  [[nodiscard]] std::size_t unit_count() const {
+    const base::MutexLock lock(&mutex_);
+    return units_.size();
+  }
+
+ private:
+  void Note(const math::Index3& unit) const {
+    const base::MutexLock lock(&mutex_);
+    is_new_ = true;
+    units_.insert({unit.x, unit.y, unit.z});
+  }
+
+  const source::VolumeSource& source_;
+  const volume::BlockLayout layout_;
+  const store::SourceSamples in_source_;
+  const bool is_local_;
+  mutable base::Mutex mutex_;
+  mutable bool is_new_ ABSL_GUARDED_BY(mutex_) =
+      true;  // no unit was looked for since the last read
+  mutable int round_count_ ABSL_GUARDED_BY(mutex_) = 0;
+  mutable std::set<std::array<std::int64_t, 3>> units_ ABSL_GUARDED_BY(mutex_);
+};
 
 class CellBoxTest : public ::testing::Test {
  protected:
@@ -161,6 +280,39 @@ TEST_F(CellBoxTest, ASurfaceThatFillsTheVolumeCostsFewBlocks) {
     stored += shards[0]->reader->stored_bytes(ordinal);
   }
   EXPECT_LT(metrics_.read_bytes.value(), stored / 10);
+}
+
+// Each round of a far source is a round trip. Without counting units it takes as many as a local one.
+TEST_F(CellBoxTest, AFarSourceTakesFewRoundsAndNoMoreUnits) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {125, 125, 125};
+  const std::string samples = testing::SampleField(testing::SphereField(0.55), geometry.sample_dims,
+                                                   ScalarType::kUint8, 100, 100);
+  const UnitSource source(geometry, samples);
+  partition::PartitionOptions options;
+  options.output_directory = temp_.Sub("units");
+  options.block_cells = {2, 2, 2};
+  options.in_source.emplace().request["path"] = "units";
+  UnitSource to_cut(geometry, samples);
+  ISOSCOPE_ASSERT_OK(partition::Partition(to_cut, options, never_));
+  std::vector<std::shared_ptr<const CountedRounds>> readers;
+  for (const bool is_local : {true, false}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const std::shared_ptr<const Shard> shard,
+        OpenShard(
+            options.output_directory + "/" + store::ShardDirectoryName(0, 1), NextShardNumber(),
+            io::OpenRandomAccessFile, [&](const store::Manifest& manifest) {
+              readers.push_back(std::make_shared<const CountedRounds>(&source, manifest, is_local));
+              return absl::StatusOr<std::shared_ptr<const store::SampleReader>>(readers.back());
+            }));
+    const std::vector<InsideRule> rules = {InsideRule::OfIsovalue(100)};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const math::IndexBox found, Find({shard}, rules));
+    EXPECT_EQ(found, BruteForce(geometry.sample_dims, ScalarType::kUint8, samples, rules, {}));
+  }
+  ASSERT_EQ(readers.size(), 2U);
+  EXPECT_GE(readers[0]->round_count(), 3);
+  EXPECT_LE(readers[1]->round_count(), 2);
+  EXPECT_LE(readers[1]->unit_count(), readers[0]->unit_count());
 }
 
 TEST_F(CellBoxTest, WithoutAnActiveBlockNothingIsRead) {

@@ -18,6 +18,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/source/chunks/shard_indexes.h"
 #include "tests/support/chunk_writer.h"
 #include "tests/support/memory_store.h"
 #include "tests/support/status_matchers.h"
@@ -205,6 +206,29 @@ TEST(StoredArrayTest, ReadsRangesOfShards) {
     // The index is known by now. Chunks that lie far apart are not joined.
     EXPECT_EQ(opened.store->TakeReads().size(), gap == 0 ? 1U : 51U);
   }
+}
+
+// An agent's limit counts what readers of many shards keep, and nothing is left behind.
+TEST(StoredArrayTest, IndexesOfManyShardsStayWithinTheBoundOfTheProcess) {
+  constexpr std::int64_t kMaxBytes = 8 << 10;
+  ShardIndexes& indexes = ShardIndexes::OfProcess();
+  ASSERT_EQ(indexes.kept_bytes(), 0);
+  indexes.SetMaxBytes(kMaxBytes);
+  {
+    const PlainArray array = PlainArray::Counting({64, 64}, 2);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const OpenedArray opened,
+                                  OpenCase({"shards", {2, 2}, {16, 16}, false}, array));
+    for (std::int64_t row = 0; row < 64; row += 2) {
+      const ChunkBox box{.begin = {row, 0}, .end = {row + 2, 64}};
+      std::string out(64 * 2 * 2, '\0');
+      ISOSCOPE_ASSERT_OK(opened.array->ReadBox(box, out.data(), nullptr, Never()));
+      EXPECT_EQ(out, WithMissing(array, {2, 2}).Cut(box, ""));
+      EXPECT_LE(indexes.kept_bytes(), kMaxBytes);
+      EXPECT_GT(indexes.kept_bytes(), 0);
+    }
+  }
+  EXPECT_EQ(indexes.kept_bytes(), 0);
+  indexes.SetMaxBytes(ShardIndexes::kDefaultMaxBytes);
 }
 
 // Asks slowly; fails the first `failures` reads of an index.
