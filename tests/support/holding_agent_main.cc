@@ -23,6 +23,7 @@
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
+#include "rpc/request_context.h"
 #include "rpc/server_flags.h"
 #include "rpc/unary_checksum.h"
 
@@ -54,6 +55,7 @@ class HoldingAgent final : public v1::PartitionAgentService::Service {
       grpc::ServerReaderWriter<v1::RenderFrameResponse, v1::RenderFrameRequest>* stream) override {
     const std::unique_ptr<grpc::ClientContext> upstream_context =
         grpc::ClientContext::FromServerContext(*context);
+    rpc::SetTraceparent(rpc::TraceContextOf(*context), upstream_context.get());
     const auto upstream = stub_->RenderFrame(upstream_context.get());
     v1::RenderFrameRequest request;
     while (stream->Read(&request)) {

@@ -816,8 +816,10 @@ TEST_F(PartitionAgentServiceTest, AnAgentThatStopsLetsInNothingNew) {
   FrameCall call(stub_.get());
   const RaySelection selection = BeginAndReadHits(&call);
   std::thread shutdown([&] { server_->Shutdown(absl::Minutes(2)); });
-  while (!Describe().is_draining()) {
-    absl::SleepFor(absl::Milliseconds(1));
+  v1::DescribeShardsResponse described;
+  while (!described.is_draining()) {
+    grpc::ClientContext context;
+    ASSERT_EQ(CodeOf(stub_->DescribeShards(&context, {}, &described)), "OK");
   }
   FrameCall other(stub_.get());
   v1::RenderFrameResponse message;
