@@ -28,6 +28,7 @@
 #include "client-cli/output/picture_output.h"
 #include "client-cli/output/sweep.h"
 #include "client-cli/output/trace_file.h"
+#include "client-cli/session/embedded_cluster.h"
 #include "clients/cpp/connection/features.h"
 #include "clients/cpp/connection/label_query.h"
 #include "clients/cpp/connection/like_picture.h"
@@ -511,6 +512,20 @@ WantedVolumes WantedOf(const v1::RenderIsosurfaceRequest& request) {
   return wanted;
 }
 
+// Says that a small memory limit has fewer threads draw.
+void NoteFewerThreads(const RenderFlags& flags, const Context& context) {
+  if (flags.is_quiet || flags.session.server) {
+    return;
+  }
+  EmbeddedClusterOptions options;
+  options.thread_count = static_cast<int>(flags.session.thread_count.value_or(0));
+  options.memory_limit_bytes =
+      static_cast<std::size_t>(flags.session.memory_limit_bytes.value_or(0));
+  if (const std::string note = DescribeFewerThreads(options); !note.empty()) {
+    *context.err << "isoscope: " << note << std::endl;
+  }
+}
+
 absl::Status Run(const RenderFlags& given, const FlagSet& set, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(given, set, context));
   RenderFlags flags = given;
@@ -534,11 +549,13 @@ absl::Status Run(const RenderFlags& given, const FlagSet& set, const Context& co
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<Session> session,
         Session::Open(session_flags, &wanted, frame::DrawnWindowOf(spec).image_size(), context));
+    NoteFewerThreads(flags, context);
     return session->Finish(RunLike(flags, recorded, display, session.get(), context));
   }
   const WantedVolumes wanted = WantedOf(flags);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(session_flags, &wanted, flags.drawn_size(), context));
+  NoteFewerThreads(flags, context);
   return session->Finish(RunFrames(flags, display, session.get(), context));
 }
 

@@ -16,12 +16,14 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
 #include "clients/cpp/request/parse_value.h"
@@ -82,6 +84,11 @@ absl::StatusOr<ShardsToServe> FindShards(const EmbeddedClusterOptions& options) 
   return found;
 }
 
+std::size_t LimitBytesOf(const EmbeddedClusterOptions& options) {
+  return options.memory_limit_bytes > 0 ? options.memory_limit_bytes
+                                        : agent::AgentMemory::DefaultLimitBytes();
+}
+
 // Without agents, and without what they share with the coordinator.
 server::CoordinatorServerOptions CoordinatorOptionsOf(const EmbeddedClusterOptions& options) {
   server::CoordinatorServerOptions coordinator_options;
@@ -96,6 +103,19 @@ server::CoordinatorServerOptions CoordinatorOptionsOf(const EmbeddedClusterOptio
 }
 
 }  // namespace
+
+std::string DescribeFewerThreads(const EmbeddedClusterOptions& options) {
+  const std::size_t limit_bytes = LimitBytesOf(options);
+  const int wanted = agent::AgentMemory::DrawingThreads(options.thread_count,
+                                                        std::numeric_limits<std::int64_t>::max());
+  const int drawing = agent::AgentMemory::DrawingThreads(options.thread_count, limit_bytes);
+  return drawing == wanted
+             ? ""
+             : absl::StrFormat(
+                   "%d threads draw in place of %d: the memory limit of %d MiB has no "
+                   "room for more; raise --memory-limit, or give --threads %d",
+                   drawing, wanted, limit_bytes / base::kMiB, drawing);
+}
 
 absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t bytes, client::ParseByteSize(text));
@@ -113,9 +133,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_ASSIGN_OR_RETURN(const ShardsToServe shards, FindShards(options));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
-  const std::size_t limit_bytes = options.memory_limit_bytes > 0
-                                      ? options.memory_limit_bytes
-                                      : agent::AgentMemory::DefaultLimitBytes();
+  const std::size_t limit_bytes = LimitBytesOf(options);
   const std::shared_ptr<base::TaskArena> arena =
       agent::AgentMemory::MakeArena(options.thread_count, limit_bytes);
 

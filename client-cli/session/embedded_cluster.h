@@ -64,6 +64,10 @@ struct EmbeddedClusterOptions {
   int expected_layers = 0;
 };
 
+// Says in a sentence that fewer threads draw than `options` ask for, or than there are cores, because
+// its memory limit has no room for more. Empty if it has.
+std::string DescribeFewerThreads(const EmbeddedClusterOptions& options);
+
 // A memory limit of agents, as ParseByteSize; at least AgentMemory::kMinLimitBytes.
 absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text);
 

@@ -11,6 +11,7 @@
 #include "client-cli/session/session.h"
 
 #include <map>
+#include <optional>
 #include <ostream>
 #include <set>
 #include <utility>
@@ -128,12 +129,14 @@ absl::StatusOr<ChosenVolumes> ChooseOf(const source::OpenRequest& request,
 }
 
 // Makes the dataset of an entry of the cache: of the only volume of a source, or a series with the
-// volumes that are wanted.
+// volumes that are wanted. Ends the opening before it reads samples, which may take hours.
 absl::Status MakeDatasetOf(const source::OpenRequest& request, const WantedVolumes* wanted,
-                           partition::PartitionOptions options, const Context& context) {
+                           partition::PartitionOptions options, const Context& context,
+                           std::optional<source::AddressOpening>* opening) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<source::VolumeSeries> series,
                             source::OpenIdentified(request));
   ISOSCOPE_ASSIGN_OR_RETURN(options.labels, LabelsOfSource(request, context.err));
+  opening->reset();
   if (source::IsOneVolume(series->info())) {
     return PartitionVolume(*series, options, context).status();
   }
@@ -159,11 +162,12 @@ absl::Status MakeDatasetOf(const source::OpenRequest& request, const WantedVolum
                              : WriteNote(directory, absl::StrCat(request.path, ": ", chosen.note));
 }
 
-// The cached dataset of a source, which is read from `files`.
+// The cached dataset of a source, which is read from `files`. opening: of these
 absl::StatusOr<CachedDataset> PrepareSource(const SessionFlags& flags, const WantedVolumes* wanted,
                                             const source::OpenRequest& request,
                                             const std::vector<std::string>& files,
-                                            const Context& context) {
+                                            const Context& context,
+                                            std::optional<source::AddressOpening>* opening) {
   partition::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
   if (wanted == nullptr) {  // for who looks around; a single picture is made of the samples
@@ -183,7 +187,7 @@ absl::StatusOr<CachedDataset> PrepareSource(const SessionFlags& flags, const Wan
     }
     options.output_directory = directory;
     options.name = key.substr(0, key.rfind('-'));  // the user knows this name
-    return MakeDatasetOf(request, wanted, options, context);
+    return MakeDatasetOf(request, wanted, options, context, opening);
   };
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, source::ResolvedPath(request.path));
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, FindOrMakeDataset(cache_directory, key, source,
@@ -246,9 +250,9 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Want
     return PrepareDataset(flags, context);
   }
   const source::OpenRequest request = RequestOf(flags.source, *flags.input);
-  const source::AddressOpening opening;
+  std::optional<source::AddressOpening> opening(std::in_place);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files, SourceFiles(request));
-  return PrepareSource(flags, wanted, request, files, context);
+  return PrepareSource(flags, wanted, request, files, context, &opening);
 }
 
 void AddInputFlags(FlagSet* set, SessionFlags* flags, const SourceFlagNames& names) {

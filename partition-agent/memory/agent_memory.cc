@@ -143,13 +143,18 @@ std::size_t AgentMemory::DefaultLimitBytes() {
   return std::max<std::size_t>(base::UsableBytes() / 4, base::kGiB);
 }
 
+int AgentMemory::DrawingThreads(int thread_count, std::size_t limit_bytes) {
+  return std::min(thread_count > 0 ? thread_count : oneapi::tbb::info::default_concurrency(),
+                  MostThreads(limit_bytes));
+}
+
 std::shared_ptr<base::TaskArena> AgentMemory::MakeArena(int thread_count, std::size_t limit_bytes) {
   const int cores = oneapi::tbb::info::default_concurrency();
   base::LimitMallocArenas(static_cast<int>(std::clamp<std::size_t>(
       limit_bytes / kBytesPerMallocArena, 1, static_cast<std::size_t>(cores))));
-  const int most = MostThreads(limit_bytes);
-  const bool have_all_room = (thread_count > 0 ? thread_count : cores) <= most;
-  return std::make_shared<base::TaskArena>(have_all_room ? thread_count : most);
+  const int drawing = DrawingThreads(thread_count, limit_bytes);
+  const bool have_all_room = drawing == (thread_count > 0 ? thread_count : cores);
+  return std::make_shared<base::TaskArena>(have_all_room ? thread_count : drawing);
 }
 
 AgentMemory::AgentMemory(std::size_t limit_bytes, int step_count, int thread_count)

@@ -39,9 +39,11 @@ class AgentMemory {
   // This many steps that each draw with all threads have room, whatever they draw.
   static constexpr int kDefaultStepCount = 2;
 
-  // Returns the arena of a process with this limit. It has so many threads (0: one for each core), or
-  // as many as there is room for (ThreadBytes, blocks of the usual size), at least two. With a small
-  // limit malloc keeps less of what is freed from then on.
+  // Returns the number of threads that draw with this limit: as many as are asked for (0: one for
+  // each core), or as there is room for (ThreadBytes, blocks of the usual size), at least two.
+  static int DrawingThreads(int thread_count, std::size_t limit_bytes);
+  // Returns the arena of a process with this limit, of that number of threads. With a small limit
+  // malloc keeps less of what is freed from then on.
   static std::shared_ptr<base::TaskArena> MakeArena(int thread_count, std::size_t limit_bytes);
 
   // step_count: steps that run at a time. With more than the default each may take less for meshes

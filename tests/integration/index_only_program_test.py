@@ -149,6 +149,16 @@ class IndexOnlyTest(unittest.TestCase):
         pictures.add(read(self.path('p.png')))
     self.assertEqual(len(pictures), 1)
 
+  def test_a_small_limit_says_that_fewer_threads_draw(self):
+    dataset = self.partition('few', '--index-only')
+    render = ['render', dataset, '--isovalue', '128', '--renderer', 'cpu', '--width', '64', '--height', '64',
+              '--output', self.path('p.png')]
+    small = ['--threads', '64', '--memory-limit', '112MiB']
+    note = r'isoscope: \d+ threads draw in place of 64: the memory limit of 112 MiB has no room for more; .*\n'
+    self.assertRegex(isoscope(*render, *small).stderr, f'^{note}$')
+    self.assertEqual(isoscope(*render, *small, '--quiet').stderr, '')
+    self.assertEqual(isoscope(*render, '--threads', '2', '--memory-limit', '112MiB').stderr, '')
+
   # Breaks if the coordinator takes frames of several callers beside the agents of its process.
   def test_memory_of_a_server_keeps_the_limit_with_many_callers(self):
     isoscope('generate', 'gyroid', '--dims', '256,256,256', '--type', 'uint8', '--output', self.path('w.nrrd'), '--quiet')

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <map>
 #include <memory>
+#include <ostream>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -19,6 +20,7 @@
 #include "client-cli/session/cache_entry.h"
 #include "client-cli/session/session.h"
 #include "core/cli/interrupt.h"
+#include "core/formats/address_opening.h"
 #include "core/store/series_manifest.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -102,6 +104,52 @@ class PrepareInputTest : public ::testing::Test {
   Interrupt interrupt_;
   Context context_;
 };
+
+// Notes for each text that is written whether this thread has an opening.
+class OpeningWatch final : public std::stringbuf {
+ public:
+  [[nodiscard]] const std::map<std::string, bool>& has_opening() const { return has_opening_; }
+
+ protected:
+  std::streamsize xsputn(const char* text, std::streamsize size) override {
+    has_opening_[std::string(text, static_cast<std::size_t>(size))] =
+        source::KeptAnswers::OfThread() != nullptr;
+    return std::stringbuf::xsputn(text, size);
+  }
+
+ private:
+  std::map<std::string, bool> has_opening_;
+};
+
+// Symptom: small answers of a server were kept until the dataset was cut, for hours.
+TEST_F(PrepareInputTest, AnOpeningEndsBeforeSamplesAreRead) {
+  std::string header;
+  for (const char* const card :
+       {"SIMPLE  =                    T", "BITPIX  =                    8", "NAXIS   = 3",
+        "NAXIS1  = 8", "NAXIS2  = 9", "NAXIS3  = 10", "CTYPE1  = 'RA---TAN'", "END"}) {
+    header += card + std::string(80 - std::string(card).size(), ' ');
+  }
+  header.resize(2880, ' ');
+  WriteFile(dir_.Sub("sky.fits"),
+            header + testing::Noise({8, 9, 10}, volume::ScalarType::kUint8) + std::string(2160, 0));
+  OpeningWatch watch;
+  std::ostream err(&watch);
+  context_.err = &err;
+  context_.err_is_terminal = true;
+  const auto prepared = Prepare("sky.fits");
+  context_.err = &err_;
+  ISOSCOPE_ASSERT_OK(prepared);
+  int notes = 0;
+  for (const auto& [text, has_opening] : watch.has_opening()) {
+    // The first is written before the source is opened, the second with the volume.
+    const bool is_first = absl::StrContains(text, "into the cache");
+    const bool is_note = absl::StrContains(text, "samples are 1 apart");
+    notes += is_first || is_note ? 1 : 0;
+    EXPECT_TRUE(!is_first || has_opening) << text;
+    EXPECT_TRUE(!is_note || !has_opening) << text;
+  }
+  EXPECT_EQ(notes, 2);
+}
 
 TEST_F(PrepareInputTest, WhateverIsMissingOrCutOfAnEntryIsMadeAnew) {
   for (const std::string input : {"v.raw", "run.pvd"}) {

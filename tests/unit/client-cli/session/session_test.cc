@@ -1,5 +1,6 @@
 #include "client-cli/session/session.h"
 
+#include <cstddef>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -14,6 +15,7 @@
 #include "core/cli/interrupt.h"
 #include "core/partition/partitioner.h"
 #include "isoscope/v1/cluster_service.pb.h"
+#include "partition-agent/memory/agent_memory.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -71,6 +73,26 @@ TEST_F(SessionTest, TimeoutRaisesTheLimitInOneProcess) {
   EXPECT_EQ(session->frame_timeout(), absl::Hours(2));
   EXPECT_EQ(session->question_timeout(), absl::Hours(2));
   EXPECT_EQ(session->export_timeout(), absl::Hours(2));
+}
+
+TEST(EmbeddedClusterTest, SaysThatALimitHasNoRoomForAllThreads) {
+  EmbeddedClusterOptions options;
+  options.thread_count = 64;
+  options.memory_limit_bytes = agent::AgentMemory::kMinLimitBytes;
+  const int drawing = agent::AgentMemory::DrawingThreads(64, options.memory_limit_bytes);
+  ASSERT_LT(drawing, 64);
+  EXPECT_EQ(agent::AgentMemory::MakeArena(64, options.memory_limit_bytes)->max_concurrency(),
+            drawing);
+  EXPECT_EQ(
+      DescribeFewerThreads(options),
+      absl::StrCat(drawing, " threads draw in place of 64: the memory limit of 96 MiB has no ",
+                   "room for more; raise --memory-limit, or give --threads ", drawing));
+  // The advice is right.
+  options.thread_count = drawing;
+  EXPECT_EQ(DescribeFewerThreads(options), "");
+  options.thread_count = 64;
+  options.memory_limit_bytes = std::size_t{1} << 32;
+  EXPECT_EQ(DescribeFewerThreads(options), "");
 }
 
 TEST_F(SessionTest, WithAServerThatKeepsNoLimitFramesEndAllTheSame) {
