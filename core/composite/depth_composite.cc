@@ -25,8 +25,8 @@ namespace HWY_NAMESPACE {
 namespace {
 
 // Keeps the nearer one of two fragments at each covered pixel of a tile, whose first `count`
-// columns lie in the image. Leaves pixels where two owners have equal depth, and returns whether
-// there is one.
+// columns lie in the image. Leaves pixels of equal depth, and returns whether there is one. Two
+// fragments may even have one owner: a block's caps and triangles may come with different steps.
 bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std::size_t stride,
                 const std::uint64_t* from_keys, const image::Rgba8* from_colors,
                 std::uint64_t* keys, image::Rgba8* colors) {
@@ -41,8 +41,7 @@ bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std:
         const __m512i key = _mm512_maskz_loadu_epi64(lanes, into);
         const __m512i from_depth = _mm512_maskz_srli_epi64(lanes, from_key, 32);
         const __m512i depth = _mm512_maskz_srli_epi64(lanes, key, 32);
-        ties |= _mm512_mask_cmpneq_epu64_mask(
-            _mm512_mask_cmpeq_epu64_mask(lanes, from_depth, depth), from_key, key);
+        ties |= _mm512_mask_cmpeq_epu64_mask(lanes, from_depth, depth);
         const __mmask8 nearer = _mm512_mask_cmplt_epu64_mask(lanes, from_depth, depth);
         _mm512_mask_storeu_epi64(into, nearer, from_key);
         return static_cast<std::uint32_t>(nearer);
@@ -57,9 +56,10 @@ bool KeepNearer(const image::TileMask& covered, [[maybe_unused]] int count, std:
       std::uint32_t is_nearer = 0;
       for (int x = 0; x < count; ++x) {
         is_nearer |= std::uint32_t{from_keys[x] < keys[x]};
-        // image::AreTied without a branch: only owners differ, the low halves.
+        // image::HaveEqualDepth without a branch.
         constexpr std::uint64_t kAllOwners = 0xFFFFFFFF;
-        ties |= std::uint32_t{(from_keys[x] ^ keys[x]) - 1 < kAllOwners};
+        ties |= std::uint32_t{(from_keys[x] ^ keys[x]) <= kAllOwners} &
+                std::uint32_t{from_keys[x] != image::kBackgroundKey};
       }
       if (is_nearer != 0) {
         for (int x = 0; x < count; ++x) {
@@ -113,9 +113,7 @@ void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
       for (std::size_t y = 0; y < covered.size(); ++y) {
         for (std::uint32_t rest = covered[y]; rest != 0; rest &= rest - 1) {
           const std::size_t pixel = y * stride + static_cast<std::size_t>(std::countr_zero(rest));
-          if (image::AreTied(from_keys[pixel], keys[pixel])) {
-            order.KeepFirst(from_keys[pixel], from_colors[pixel], keys + pixel, colors + pixel);
-          }
+          order.KeepFirst(from_keys[pixel], from_colors[pixel], keys + pixel, colors + pixel);
         }
       }
     }

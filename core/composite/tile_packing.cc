@@ -83,8 +83,7 @@ bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::
         const __m512i depth = _mm512_srli_epi64(key, 32);
         const __m512i old_depth = _mm512_srli_epi64(old_key, 32);
         const __mmask8 nearer = _mm512_mask_cmplt_epu64_mask(lanes, depth, old_depth);
-        ties |= _mm512_mask_cmpneq_epu64_mask(_mm512_mask_cmpeq_epu64_mask(lanes, depth, old_depth),
-                                              key, old_key);
+        ties |= _mm512_mask_cmpeq_epu64_mask(lanes, depth, old_depth);
         _mm512_mask_storeu_epi64(into, nearer, key);
         keys += std::popcount(half);
         return static_cast<std::uint32_t>(nearer);
@@ -133,7 +132,7 @@ bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::
     for (std::uint32_t rest = row_mask; rest != 0; rest &= rest - 1, ++keys, ++colors) {
       const int column = std::countr_zero(rest);
       if (image::HaveEqualDepth(*keys, into_keys[column])) {
-        has_ties = has_ties || *keys != into_keys[column];
+        has_ties = true;
       } else if (*keys < into_keys[column]) {
         into_keys[column] = *keys;
         into_colors[column] = *colors;

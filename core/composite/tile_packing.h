@@ -28,8 +28,7 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
                 std::uint32_t* numbers);
 
 // Unpacks pixels into a tile with a depth test: each replaces the tile's pixel if its depth is
-// smaller. Returns true if a pixel has the depth of the tile's but another owner: such ties are
-// left for SettleTies.
+// smaller. Returns true if a pixel has the depth of the tile's: such ties are left for SettleTies.
 //
 // keys, colors:           PixelCount(mask) elements, in the order of the mask
 // into_keys, into_colors: the tile's first pixel; rows are `stride` elements apart

@@ -52,15 +52,13 @@ constexpr float DepthOf(std::uint64_t key) {
 }
 constexpr std::uint32_t OwnerOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
 constexpr bool HaveEqualDepth(std::uint64_t a, std::uint64_t b) { return (a ^ b) >> 32 == 0; }
-// Whether two keys alone do not decide which fragment comes first.
-constexpr bool AreTied(std::uint64_t a, std::uint64_t b) { return HaveEqualDepth(a, b) && a != b; }
 
 // Decides between fragments of equal depth.
 enum class TieRule {
   // Surface, colour, owner. Fragments that are equal in depth, surface and colour can't be told
   // apart in the picture, so neither blocks nor agents can show.
   kColor,
-  // The owner alone: surface, then block. Pictures then depend on how the volume is cut.
+  // Surface, block, colour. Pictures then depend on how the volume is cut.
   kOwner,
 };
 
@@ -81,7 +79,7 @@ struct FragmentOrder {
   // Whether fragment `a` comes before fragment `b`. False for equal ones.
   [[nodiscard]] constexpr bool IsBefore(std::uint64_t a, Rgba8 a_color, std::uint64_t b,
                                         Rgba8 b_color) const {
-    if (ties == TieRule::kOwner || !HaveEqualDepth(a, b)) {
+    if (!HaveEqualDepth(a, b) || (ties == TieRule::kOwner && a != b)) {
       return a < b;
     }
     const std::uint32_t a_surface = SurfaceOf(image::OwnerOf(a));

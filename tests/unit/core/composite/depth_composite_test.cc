@@ -144,6 +144,26 @@ TEST(DepthCompositeTest, IsCommutativeAssociativeAndIdempotent) {
   }
 }
 
+// A block's caps come with the occluders, and its triangles with the visible blocks.
+TEST(DepthCompositeTest, FragmentsOfOneBlockInTwoImagesAreDecidedByTheirColours) {
+  const image::FrameImage caps = MakeImage(21, 0);
+  const image::FrameImage triangles = MakeImage(22, 0);
+  int equal_keys = 0;
+  for (std::size_t i = 0; i < caps.pixel_count(); ++i) {
+    equal_keys +=
+        caps.keys[i] == triangles.keys[i] && caps.colors[i] != triangles.colors[i] ? 1 : 0;
+  }
+  ASSERT_GT(equal_keys, 20);
+  const image::FrameImage expected = Reference(caps, triangles);
+  EXPECT_TRUE(Reference(triangles, caps) == expected);
+  const absl::Cleanup all_targets = [] { hwy::SetSupportedTargetsForTest(0); };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    EXPECT_TRUE(Composite(caps, triangles) == expected) << hwy::TargetName(target);
+    EXPECT_TRUE(Composite(triangles, caps) == expected) << hwy::TargetName(target);
+  }
+}
+
 TEST(DepthCompositeTest, TheOrderOfArrivalDoesNotMatter) {
   std::vector<image::FrameImage> images;
   for (std::uint32_t agent = 0; agent < 4; ++agent) {

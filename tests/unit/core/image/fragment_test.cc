@@ -110,6 +110,14 @@ TEST(FragmentOrderTest, APixelKeepsTheFirstFragmentInEachOrderOfArrival) {
        {{at(0.5F, 0, 3), kDark}, {at(0.5F, 0, 2), kLight}, {at(0.5F, 1, 1), kDark}},
        TieRule::kOwner,
        1},
+      {"equal owners by owner, a cap and a triangle: the darker colour",
+       {{at(0.5F, 0, 3), kLight}, {at(0.5F, 0, 3), kDark}, {at(0.5F, 0, 4), kDark}},
+       TieRule::kOwner,
+       1},
+      {"equal owners, a cap and a triangle: the darker colour",
+       {{at(0.5F, 0, 3), kLight}, {at(0.5F, 0, 3), kDark}, {at(0.75F, 0, 3), kDark}},
+       TieRule::kColor,
+       1},
   };
   for (const Case& c : cases) {
     const FragmentOrder order{.block_count = kOrder.block_count, .ties = c.ties};
@@ -127,24 +135,6 @@ TEST(FragmentOrderTest, APixelKeepsTheFirstFragmentInEachOrderOfArrival) {
       }
       EXPECT_EQ(pixel.key, c.fragments[c.first].key) << c.name << ", twice";
     } while (std::next_permutation(arrivals.begin(), arrivals.end()));
-  }
-}
-
-TEST(FragmentTest, KeysAreTiedIfTheyDifferInTheirOwnersAlone) {
-  struct Case {
-    std::uint64_t a;
-    std::uint64_t b;
-    bool are_tied;
-  };
-  for (const Case& c : std::vector<Case>{{FragmentKey(0.5F, 1), FragmentKey(0.5F, 2), true},
-                                         {FragmentKey(0.5F, 1), FragmentKey(0.5F, 1), false},
-                                         {FragmentKey(0.5F, 1), FragmentKey(0.25F, 1), false},
-                                         {FragmentKey(0.5F, 1), FragmentKey(0.25F, 2), false},
-                                         {FragmentKey(0.0F, 1), FragmentKey(-0.0F, 2), true},
-                                         {FragmentKey(kFarDepth, 1), kBackgroundKey, true},
-                                         {kBackgroundKey, kBackgroundKey, false}}) {
-    EXPECT_EQ(AreTied(c.a, c.b), c.are_tied) << std::hex << c.a << " " << c.b;
-    EXPECT_EQ(AreTied(c.b, c.a), c.are_tied) << std::hex << c.b << " " << c.a;
   }
 }
 
