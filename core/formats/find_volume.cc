@@ -235,6 +235,10 @@ absl::StatusOr<std::vector<SeriesEntry>> ListSeries(const std::string& path,
 
 absl::StatusOr<std::string> FindSeriesFile(const std::string& path, const std::string& choice,
                                            absl::Span<const Format> formats) {
+  const auto found = FindVolume(path, "", formats);
+  if (found.ok() && found->format->find_series_file != nullptr) {
+    return found->format->find_series_file(path, choice);
+  }
   for (const Format& format : formats) {
     if (format.find_series_file != nullptr) {
       return format.find_series_file(path, choice);

@@ -616,7 +616,10 @@ const std::vector<Format>& Formats() {
        .is_plain = true,
        .open = [](const FileRequest& r) { return OpenDicomArchive(r.file, r.field, r.rules); },
        .list_series = ListDicomArchive,
-       .find_series_file = FindDicomSeriesFile},
+       .find_series_file = [](const std::string& path,
+                              const std::string& /*choice*/) -> absl::StatusOr<std::string> {
+         return path;  // its rules choose
+       }},
       {.name = "FITS",
        .endings = {".fits", ".fits.gz", ".fit", ".fit.gz", ".fts", ".fts.gz", ".fz"},
        .more_names = "file.fits:NAME, file.fits:1",

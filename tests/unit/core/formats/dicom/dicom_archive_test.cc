@@ -12,6 +12,7 @@
 #include "gtest/gtest.h"
 
 #include "core/formats/find_volume.h"
+#include "core/formats/open_request.h"
 #include "core/formats/open_volume.h"
 #include "tests/support/dicom_file.h"
 #include "tests/support/folder_test.h"
@@ -124,6 +125,10 @@ TEST_F(DicomArchiveTest, SeveralSeriesAreListedAndChosen) {
   ISOSCOPE_EXPECT_OK(OpenVolumeFile(path, "", rules).status());
   rules.dicom_series = "4";
   EXPECT_THAT(OpenVolumeFile(path, "", rules), StatusIs(kInvalid, HasSubstr("no series 4")));
+  // The labels were looked for among the series of the folder of the archive.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string labels,
+                                PathOfLabels({.path = path, .dicom_series = "7"}));
+  EXPECT_EQ(labels, path);
 }
 
 TEST_F(DicomArchiveTest, HarmfulArchivesAreRefused) {
