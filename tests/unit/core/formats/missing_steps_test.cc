@@ -1,5 +1,6 @@
 #include "core/formats/missing_steps.h"
 
+#include <cstddef>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -7,6 +8,7 @@
 
 #include "tests/support/folder_test.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/formats/vtk/vti_bytes.h"
 
 namespace isoscope::source {
 namespace {
@@ -16,7 +18,10 @@ class MissingStepsTest : public testing::FolderTest {};
 // sample_opener_test.cc has those of a dataset.
 TEST_F(MissingStepsTest, NamesAFileOnlyWhereAFileIsAStep) {
   for (const int step : {0, 1, 3}) {
-    testing::WriteFile(dir_.Sub(absl::StrCat("run_", step, ".vti")), "<VTKFile/>");
+    testing::WriteFile(
+        dir_.Sub(absl::StrCat("run_", step, ".vti")),
+        testing::VtiBytes({.extent = "0 4 0 3 0 2",
+                           .fields = {{"p", "UInt8", std::string(std::size_t{5 * 4 * 3}, 'a')}}}));
   }
   EXPECT_EQ(DescribeMissingSteps({.path = dir_.Sub("run_*.vti")}, 3, 4),
             "run_2.vti is missing: 3 are there, of 4 or more steps");
