@@ -43,11 +43,11 @@
 #include "core/formats/address_source.h"
 #include "core/formats/missing_steps.h"
 #include "core/formats/open_request.h"
+#include "core/formats/reader_memory.h"
 #include "core/indexed/source_request.h"
 #include "core/indexed/unit_cache.h"
 #include "core/math/box.h"
 #include "core/source/adapt/magnitude_source.h"
-#include "core/source/chunks/shard_indexes.h"
 #include "core/source/series_parts.h"
 #include "core/source/source_stamps.h"
 #include "core/source/volume_source.h"
@@ -638,7 +638,7 @@ absl::StatusOr<SourceAccess> AccessOfUser() {
 }
 
 store::OpenSamples MakeSampleOpener(const SourceAccess& access) {
-  source::ShardIndexes::OfProcess().SetMaxBytes(static_cast<std::int64_t>(access.max_index_bytes));
+  source::BoundShardIndexes(access.max_index_bytes);
   return [sources = std::make_shared<Sources>(access)](const store::Manifest& manifest)
              -> absl::StatusOr<std::shared_ptr<const store::SampleReader>> {
     ISOSCOPE_ASSIGN_OR_RETURN(

@@ -10,7 +10,8 @@
 // grow, so that a surface which fills the volume costs a few blocks, and a thin one few rounds.
 //
 // Of a far source a round trip costs more than blocks do, and a unit has many blocks. So its rounds
-// count units, and grow faster, and blocks of units that were read cost nothing.
+// count units, and grow faster, and blocks of units that were read cost nothing. A layer of few units
+// is the tip of a surface, which rarely reaches the very side: it is read at once.
 //
 // The result does not depend on the order: it is the box around all active cells.
 
@@ -40,6 +41,7 @@ constexpr std::size_t kFirstRoundReads = 4;
 constexpr std::size_t kMaxRoundReads = 1024;
 constexpr std::size_t kGrowth = 2;  // from round to round
 constexpr std::size_t kFarGrowth = 4;
+constexpr std::size_t kFewFarUnits = 16;  // of a layer
 
 constexpr std::size_t kSides = 6;
 
@@ -104,7 +106,8 @@ class CellBoxSearch {
     std::array<bool, kSides> exceeds{};
     for (std::size_t side = 0; side < kSides; ++side) {
       exceeds[side] = Exceeds(hull, side);
-      left[side] = count;
+      left[side] =
+          exceeds[side] && HasFewFarUnits(hull, side) ? std::max(count, kFewFarUnits) : count;
     }
     std::vector<BlockToRead> taken;
     std::erase_if(candidates_, [&](const Candidate& candidate) {
@@ -136,6 +139,24 @@ class CellBoxSearch {
     }
     const math::Index3 unit = samples->UnitOf(candidate.block_id);
     return UnitKey{unit.x, unit.y, unit.z};
+  }
+  // Whether the candidates at a side of the hull are of a far source, and of few of its units.
+  [[nodiscard]] bool HasFewFarUnits(const math::IndexBox& hull, std::size_t side) const {
+    std::set<UnitKey> units;
+    for (const Candidate& candidate : candidates_) {
+      if (SideOf(layout_.CellsOf(candidate.block_id), side) != SideOf(hull, side)) {
+        continue;
+      }
+      const std::optional<UnitKey> unit = FarUnitOf(candidate);
+      if (!unit.has_value()) {
+        return false;
+      }
+      units.insert(*unit);
+      if (units.size() > kFewFarUnits) {
+        return false;
+      }
+    }
+    return true;
   }
   [[nodiscard]] bool IsOfReadUnit(const Candidate& candidate) const {
     const std::optional<UnitKey> unit = FarUnitOf(candidate);
