@@ -12,11 +12,14 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
@@ -135,6 +138,13 @@ absl::StatusOr<source::BoxGrid> GridOf(const source::VolumeSource& source) {
   return *grid;
 }
 
+// The stride of a request: the samples between are decoded along.
+std::int64_t StrideOf(const std::map<std::string, std::string>& request) {
+  const auto member = request.find("stride");
+  std::int64_t stride = 1;
+  return member != request.end() && absl::SimpleAtoi(member->second, &stride) ? stride : 1;
+}
+
 }  // namespace
 
 absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples* samples) {
@@ -159,6 +169,8 @@ absl::Status PlanUnits(const source::VolumeSource& source, store::SourceSamples*
         factor > 1 ? ", with what is decoded along with them (other channels or steps)," : "",
         bytes / double{base::kMiB}, store::kMaxUnitBytes / base::kMiB));
   }
+  const auto stride = static_cast<double>(StrideOf(samples->request));
+  bytes *= stride * stride * stride;
   for (;;) {
     int least = 0;
     for (int axis = 1; axis < 3; ++axis) {

@@ -211,8 +211,7 @@ TEST_F(SampleOpenerTest, BlocksAreThoseOfTheCopy) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const StoredBlocks expected,
                                   ReadBlocks(dir_.Sub(absl::StrCat("copy", i)), *copied));
     SourceAccess access = kOwn;
-    // With a stride more is decoded for each unit.
-    access.max_bytes = request.stride > 1 ? access.max_bytes : std::size_t{8} << 20;
+    access.max_bytes = std::size_t{8} << 20;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const StoredBlocks found,
         ReadBlocks(options.output_directory, manifest, MakeSampleOpener(access)));
