@@ -6,7 +6,7 @@
 //   node mock_gateway.mjs     prints its port on standard output
 //
 // POST /control {...}: `fail`: {code, message} for frames | null; `mute`: whether to answer no state;
-// `answer`: the sequence number of a state that was not answered, to answer now by a quick frame;
+// `answer`: the sequence number of a state that was not answered, to answer by a quick frame, now or when it comes;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
 // `refuse`: whether new streams are refused; `features`: of /v1/capabilities | null for a gateway without it;
 // `maxViewportPx`: of /v1/capabilities; `mostPixels`: exact pictures of more are refused for memory | null;
@@ -377,6 +377,9 @@ function work(stream) {
   }, 5);
 }
 
+// The sequence number of a state to answer when it comes; 0: none.
+let owed = 0;
+
 function receive(stream, text) {
   const message = JSON.parse(text);
   if (message.frameShown) {
@@ -393,6 +396,10 @@ function receive(stream, text) {
     seen.first ??= message.viewState;
     seen.last = message.viewState;
     work(stream);
+    if (stream.sequence === owed) {
+      owed = 0;
+      answer(stream, message.viewState, false);
+    }
   }
 }
 
@@ -488,6 +495,8 @@ async function respond(request, body, reply) {
       if (drop) {
         [...streams].forEach((stream) => close(stream, drop[0], drop[1]));
       }
+      // The state may be on its way still.
+      owed = sequence && ![...streams].some((stream) => stream.states.has(sequence)) ? sequence : 0;
       for (const stream of streams) {
         if (stream.states.has(sequence)) {
           answer(stream, stream.states.get(sequence), false);
