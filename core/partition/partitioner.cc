@@ -84,6 +84,7 @@ class Partitioner {
                          store::Manifest* manifest) {
     std::vector<std::string> shards;
     const auto shard_count = static_cast<int>(manifest->shards.size());
+    shards.reserve(manifest->shards.size());
     for (int shard = 0; shard < shard_count; ++shard) {
       shards.push_back(absl::StrCat(directory, "/", store::ShardDirectoryName(shard, shard_count)));
     }

@@ -437,7 +437,7 @@ absl::Status PictureJob::RenderBand(const Piece& piece, absl::FunctionRef<void()
   const base::MonotonicTime encode_start = base::MonotonicNow();
   const base::TraceScope trace(recorder(), "join band");
   piece.joiner->AddPlanes(piece.band, output);
-  const absl::Status encoded =
+  absl::Status encoded =
       base::RunIn(runner_.state().arena.get(), [&] { return piece.joiner->EncodeRows(); });
   cost_.encode = cost_.encode.value_or(absl::ZeroDuration()) + base::MonotonicNow() - encode_start;
   return encoded;
@@ -570,7 +570,8 @@ absl::StatusOr<FrameResult> PictureJob::Draw(const Piece& piece, const FrameTarg
     spec.sends_normals = picture::NeedsDeferredShading(spec);
     spec.sends_map_steps = frame::ShowsValues(spec);
   } else {
-    spec = frame::WithoutLook(std::move(spec), spec.output.normal);
+    const bool with_normals = spec.output.normal;
+    spec = frame::WithoutLook(std::move(spec), with_normals);
     if (asked_.spec.output.image_format != frame::ImageFormat::kNone) {
       context.drawn = nullptr;  // the picture counts
     }
