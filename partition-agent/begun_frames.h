@@ -28,6 +28,9 @@ class BegunFrames {
   // A call that does not say that others follow may still have some: questions at the points of a
   // pick, a drawing with smaller bands after an agent had no room.
   static constexpr absl::Duration kAfterLastCall = absl::Seconds(1);
+  // A call that was said to follow begins within this time: others may draw their parts as long. It
+  // may never come, if the client leaves, or if no plane is left to draw. `docker stop` waits 10 s.
+  static constexpr absl::Duration kBetweenCalls = absl::Seconds(5);
   // Those between calls beyond it are forgotten, the one that ends first before others.
   static constexpr std::size_t kMaxEntries = 1024;
 

@@ -189,7 +189,8 @@ class RenderFrameCall final : public FrameReactor {
     ISOSCOPE_RETURN_IF_ERROR(Send(*std::move(answer)));
     ISOSCOPE_RETURN_IF_ERROR(Apply(Event::kAnswer));
     if (others_follow_) {
-      begun_.ExpectOthersUntil(cancellation_.deadline());
+      begun_.ExpectOthersUntil(
+          std::min(cancellation_.deadline(), base::MonotonicNow() + BegunFrames::kBetweenCalls));
     }
     outgoing_.Finish(absl::OkStatus());
     const frame::AgentStatistics& statistics = steps_.statistics();
