@@ -30,7 +30,7 @@ import { client, drawControlsBy, hasColors, redraw, shown, start, stateOfAddress
 import { clearPoints, drawPoints, listenToPoints } from './points.js';
 import { SeriesControls, choiceOf, withoutFields } from './series.js';
 import { drawSurfaces } from './surfaces.js';
-import { listenToUndo } from './undo-controls.js';
+import { listenToUndo, undo } from './undo-controls.js';
 import { BACKGROUNDS, PALETTE, format, formatIn, fromHex, paintedApart } from './values.js';
 import { asksFirstLook, stateToHash, stateToLink, withFirstLook, withMaterialOf } from './view-state.js';
 
@@ -381,6 +381,7 @@ listenToUndo((state) => {
     open(state, []);
   }
 }, () => series.isPlaying);
+/** @type {any} */ (window).isoscope.undo = undo;
 listenToDoor(() => datasets.length === 0 ? loadDatasets() : openAddress());
 whileShown(() => isDoorClosed() || watchAgents(), 5000);
 whileShown(() => isDoorClosed() || watchSteps(), 5000);

@@ -14,7 +14,7 @@ const REST_MS = 400;
 const back = byId('undo', HTMLButtonElement);
 const on = byId('redo', HTMLButtonElement);
 /** @type {Undo<FrameRequest>} */
-const undo = new Undo(stateToHash);
+export const undo = new Undo(stateToHash);
 
 let restTimer = 0;
 let isHeld = false;

@@ -30,15 +30,21 @@ export class Undo {
   }
 
   /**
+   * @param {T} state @returns {boolean} whether it looks as the entry that is shown
+   */
+  isAt(state) {
+    return this.#entries[this.#at]?.key === this.keyOf(state);
+  }
+
+  /**
    * Keeps a state, unless it is the one that is shown. What was undone before is forgotten.
    * @param {T} state not to be changed later @returns {boolean} whether it is kept
    */
   rested(state) {
-    const key = this.keyOf(state);
-    if (this.#entries[this.#at]?.key === key) {
+    if (this.isAt(state)) {
       return false;
     }
-    this.#entries.splice(this.#at + 1, Infinity, { key, state });
+    this.#entries.splice(this.#at + 1, Infinity, { key: this.keyOf(state), state });
     this.#entries.splice(0, Math.max(0, this.#entries.length - MAX_ENTRIES));
     this.#at = this.#entries.length - 1;
     return true;

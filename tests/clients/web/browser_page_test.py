@@ -175,7 +175,7 @@ class UndoTest(base.PageTest):
     def test_a_drag_is_one_entry_and_keys_and_buttons_go_back_and_forth(self):
         self.open_and_wait()
         first, eye = self.picture(), self.js('return isoscope.view.camera.eye')
-        base.time.sleep(0.6)  # the first view rests, and is an entry
+        self.until_kept()
         self.assertEqual('false,false', self.js(f'return {self.BUTTONS}'))
         self.drag(120, 40, steps=12)
         self.until(f'{self.BUTTONS} === "true,false"')
@@ -193,10 +193,10 @@ class UndoTest(base.PageTest):
 
     def test_settings_come_back_and_a_new_change_ends_the_way_forward(self):
         self.open_and_wait()
-        base.time.sleep(0.6)
+        self.until_kept()
         for isovalue in (60, 70):
             self.js('isoscope.view.update({ surfaces: [{ isovalue: arguments[0] }] })', isovalue)
-            base.time.sleep(0.6)
+            self.until_kept()
         self.browser.find_element(By.ID, 'undo').click()
         self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].isovalue === 60')
         self.until('document.querySelector("#surfaces input[type=number]").value === "60"')
@@ -207,7 +207,7 @@ class UndoTest(base.PageTest):
 
     def test_undo_goes_back_to_the_dataset_before(self):
         self.open_and_wait('#dataset=ball&surface=55')
-        base.time.sleep(0.6)
+        self.until_kept()
         self.js("const menu = document.getElementById('dataset'); menu.value = 'patient'; menu.dispatchEvent(new Event('change'));")
         self.until(f'isoscope.view.isExact && isoscope.view.state.dataset === "patient" && {self.BUTTONS} === "true,false"')
         self.browser.find_element(By.ID, 'undo').click()
@@ -693,6 +693,7 @@ class RefiningTest(base.PageTest):
         self.js(choose, '2')
         self.until('isoscope.view.isExact && /level=2/.test(location.hash)')
         self.assertEqual({'level': 2}, self.gateway.control()['last']['frame']['level'])
+        self.until_kept()
         self.js(choose, 'spacing')
         self.until('isoscope.view.isExact && /max-spacing=1.1/.test(location.hash)')
         self.js('document.getElementById("undo").click()')
@@ -961,10 +962,7 @@ class DownloadTest(Downloads, base.PageTest):
         base.ActionChains(self.browser).send_keys(Keys.ENTER).perform()
         self.until('document.getElementById("film-note").textContent === "Cancelled." && document.getElementById("film-progress").hidden')
         self.assertEqual('save-film', self.js('return document.activeElement.id'))
-        base.time.sleep(0.3)
-        count = len(self.gateway.control()['renders'])
-        base.time.sleep(0.5)
-        self.assertEqual(count, len(self.gateway.control()['renders']))
+        self.assertLess(self.until_still(lambda: len(self.gateway.control()['renders'])), 1000)
         self.assertEqual([], os.listdir(self.saved))
 
     def test_a_film_goes_on_while_the_dialog_is_closed_and_its_end_is_said_in_the_page(self):

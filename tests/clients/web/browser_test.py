@@ -172,6 +172,21 @@ class PageTest(unittest.TestCase):
     def until_exact(self):
         self.until('isoscope.view.isExact')
 
+    def until_still(self, read, quiet_s=0.5):
+        """Waits until a value has not changed for some time, and returns it: what was under way has come."""
+        end = time.monotonic() + PATIENCE_S
+        value, since = read(), time.monotonic()
+        while time.monotonic() - since < quiet_s:
+            self.assertLess(time.monotonic(), end, f'it never rests: {value}')
+            time.sleep(0.05)
+            if (new := read()) != value:
+                value, since = new, time.monotonic()
+        return value
+
+    def until_kept(self):
+        """Waits until the view has rested: it is an entry of undo."""
+        self.until('isoscope.undo.isAt(isoscope.view.getState())')
+
     def notice(self):
         return self.js('return isoscope.view.stats().notice')
 
@@ -274,8 +289,7 @@ class PictureTest(PageTest):
         self.open_and_wait()
         self.drag(60, 60, steps=12)
         self.until_exact()
-        time.sleep(0.3)
-        shown = self.gateway.control()['shown']
+        shown = self.until_still(lambda: self.gateway.control()['shown'])
         frames = self.js('const s = isoscope.view.stats(); return s.framesShown + s.framesDropped')
         self.assertEqual(list(range(1, frames + 1)), sorted(shown), 'not each frame was acknowledged once')
 
@@ -955,7 +969,7 @@ class HiddenTabTest(PageTest):
 
     def hide(self):
         self.js('hideTab(true)')
-        time.sleep(0.3)  # for what was under way
+        self.until_still(lambda: [self.gateway.control()[name] for name in ('targets', 'states')])
         self.gateway.control(reset=True)
 
     def check_silence(self):

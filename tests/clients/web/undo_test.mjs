@@ -22,6 +22,7 @@ test('states come back in turn, and forward again', () => {
 test('a state that looks like the one that is shown is no entry, so that an undo that rests keeps the way forward', () => {
   const undo = kept([1, 2, 2]);
   assert.equal(undo.undo(), 1);
+  assert.deepEqual([undo.isAt(1), undo.isAt(2)], [true, false]);
   assert.equal(undo.rested(1), false);
   assert.equal(undo.redo(), 2);
 });
