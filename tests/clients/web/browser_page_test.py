@@ -696,6 +696,7 @@ class RefiningTest(base.PageTest):
         self.until_kept()
         self.js(choose, 'spacing')
         self.until('isoscope.view.isExact && /max-spacing=1.1/.test(location.hash)')
+        self.until_kept()  # its button can be pressed
         self.js('document.getElementById("undo").click()')
         self.until('isoscope.view.isExact && isoscope.view.state.level.level === 2')
 
