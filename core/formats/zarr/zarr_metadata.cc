@@ -388,8 +388,9 @@ absl::StatusOr<ZarrArray> ParseZarr3Array(const ZarrJson& metadata, const std::s
                                                          array.has_key_prefix ? '/' : '.', name));
   // 3. The codecs.
   const ZarrJson* const codecs = MemberOf(metadata, "codecs");
-  auto specs = codecs == nullptr ? absl::InvalidArgumentError("its codecs are missing")
-                                 : CodecSpecsFrom(*codecs);
+  auto specs = codecs == nullptr
+                   ? absl::InvalidArgumentError("its codecs are missing; expected a list of them")
+                   : CodecSpecsFrom(*codecs);
   if (!specs.ok()) {
     return absl::InvalidArgumentError(absl::StrCat(name, ": ", specs.status().message()));
   }

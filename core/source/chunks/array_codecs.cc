@@ -143,9 +143,12 @@ absl::StatusOr<std::vector<std::size_t>> OrderOf(const ChunkJson& configuration,
       is_used[order.back()] = true;
     }
   }
-  return order.size() == rank ? absl::StatusOr<std::vector<std::size_t>>(std::move(order))
-                              : absl::InvalidArgumentError(absl::StrFormat(
-                                    "its order does not name each of the %d axes once", rank));
+  return order.size() == rank
+             ? absl::StatusOr<std::vector<std::size_t>>(std::move(order))
+             : absl::InvalidArgumentError(absl::StrFormat(
+                   "its order does not name each of the %d axes once; expected a list such "
+                   "as [2, 1, 0]",
+                   rank));
 }
 
 absl::StatusOr<std::unique_ptr<ChunkCodec>> MakeTranspose(const ChunkJson& configuration,

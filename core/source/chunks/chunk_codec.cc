@@ -40,7 +40,7 @@ MakeChunkCodec FindCodec(absl::string_view name) {
 absl::string_view RefusalOf(absl::string_view name) {
   absl::ConsumePrefix(&name, "numcodecs.");
   if (name == "blosc2") {
-    return "blosc2, for which Debian has no library";
+    return "for which Debian has no library";
   }
   if (name == "zfpy" || name == "zfp" || name == "pcodec" || name == "jpeg" || name == "jpeg2k" ||
       name == "jpegxl" || name == "imagecodecs_jpeg2k") {
@@ -67,7 +67,7 @@ std::string CodecNames() {
 }
 
 std::int64_t MaxCompressedBytes(std::int64_t size_bytes) {
-  constexpr std::int64_t kHead = 64 * base::kKiB;
+  constexpr std::int64_t kHead = 4 * base::kKiB;         // each of a shard's chunks has one
   constexpr std::int64_t kMost = std::int64_t{1} << 60;  // no memory has so much
   return size_bytes >= kMost ? size_bytes : size_bytes + size_bytes / 4 + kHead;
 }
@@ -83,7 +83,7 @@ ChunkData ArrayData(std::vector<std::int64_t> dims, NumberType type, std::string
 
 absl::StatusOr<std::vector<CodecSpec>> CodecSpecsFrom(const ChunkJson& list) {
   if (!list.is_array()) {
-    return absl::InvalidArgumentError("codecs are no list");
+    return absl::InvalidArgumentError("its codecs are no list; expected one");
   }
   std::vector<CodecSpec> specs;
   for (const ChunkJson& item : list) {

@@ -109,7 +109,7 @@ absl::Span<const CodecRow> NumberCodecs();  // of numbers, or of bytes that are 
 // The names of all codecs, in order: "blosc, bytes, bz2, ...".
 std::string CodecNames();
 
-// The most that a compressor makes of `size_bytes` bytes, with room for its head.
+// The most that a compressor makes of `size_bytes` bytes, or a shard takes with unused ones.
 std::int64_t MaxCompressedBytes(std::int64_t size_bytes);
 
 }  // namespace isoscope::source

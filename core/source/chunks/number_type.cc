@@ -39,13 +39,29 @@ constexpr std::array<NamedNumber, 12> kNumbers = {{
     {"float64", "f8", NumberType::kFloat64},
 }};
 
+// What JSON may have for a value of the type.
+std::string ValuesOf(NumberType type) {
+  if (type == NumberType::kBool) {
+    return "true or false";
+  }
+  return VisitNumberType(type, [&]<typename T>() -> std::string {
+    if (std::is_floating_point_v<T> || type == NumberType::kFloat16) {
+      return absl::StrFormat(
+          R"(a number, "NaN", "Infinity", "-Infinity", or its bits: "0x" and %d digits)",
+          2 * sizeof(T));
+    }
+    return absl::StrCat("an integer from ", +std::numeric_limits<T>::lowest(), " to ",
+                        +std::numeric_limits<T>::max());
+  });
+}
+
 absl::Status NoValueOf(const nlohmann::json& value, NumberType type) {
   constexpr std::size_t kMaxShown = 60;
   return absl::InvalidArgumentError(absl::StrFormat(
-      "%s is no %s",
+      "%s is no %s; expected %s",
       base::Printable(
           value.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace).substr(0, kMaxShown)),
-      NameOf(type)));
+      NameOf(type), ValuesOf(type)));
 }
 
 template <typename T>

@@ -90,7 +90,11 @@ absl::StatusOr<std::unique_ptr<ChunkCodec>> MakeShardCodec(const ChunkJson& conf
   ChunkData shard = *data;
   data->is_array = false;
   data->is_exact = false;
-  data->size_bytes = layout->max_bytes();
+  // Between chunks there may be unused bytes, as where one was written anew behind the others.
+  // Chunks that are compressed leave room for them.
+  data->size_bytes = layout->chunk_codecs().encoded().is_exact
+                         ? MaxCompressedBytes(layout->max_bytes())
+                         : layout->max_bytes();
   return std::make_unique<ShardCodec>(std::move(layout), std::move(shard));
 }
 
@@ -125,7 +129,8 @@ absl::StatusOr<std::shared_ptr<const ShardLayout>> ShardLayout::Make(const Chunk
     if (!size.is_number_integer() || size < 1 || size > whole ||
         whole % size.get<std::int64_t>() != 0) {
       return absl::InvalidArgumentError(
-          absl::StrFormat("its chunks do not fill shards of %s", DescribeIndex(shard.dims)));
+          absl::StrFormat("its chunks do not fill shards of %s; expected sizes that divide these",
+                          DescribeIndex(shard.dims)));
     }
     chunk_dims.push_back(size.get<std::int64_t>());
   }

@@ -197,15 +197,22 @@ class StoredArray final : public ChunkedArray {
             wanted[i]->key,
             absl::DataLossError(absl::StrFormat(
                 "%s: %s: more than %d bytes, the most that its chunk of %d bytes can have: it is "
-                "damaged",
+                "damaged%s",
                 spec_.name, wanted[i]->key, chain_.encoded().size_bytes,
-                chain_.decoded().size_bytes)),
+                chain_.decoded().size_bytes,
+                HasShards() ? ", or a shard with many unused bytes: write it again" : "")),
             cancellation);
       } else if (!absl::IsNotFound(objects[i].status())) {
         return Named(wanted[i]->key, objects[i].status());
       }
     }
     return absl::OkStatus();
+  }
+
+  // Among other codecs: whole objects are read and decoded.
+  [[nodiscard]] bool HasShards() const {
+    return std::any_of(spec_.codecs.begin(), spec_.codecs.end(),
+                       [](const CodecSpec& codec) { return codec.name == "sharding_indexed"; });
   }
 
   // The chunks of a shard lie in it, by its own index.

@@ -34,7 +34,7 @@ absl::StatusOr<std::map<std::string, AwsSection>> ReadAwsFile(const std::string&
   if (path.empty() || !io::PathExists(path)) {
     return std::map<std::string, AwsSection>{};
   }
-  LeaveMemoryOutOfCores();  // both files may have keys
+  ForbidCores();  // both files may have keys
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, io::ReadWholeFile(path, kMaxAwsFileBytes));
   return ParseAwsFile(text, path);
 }

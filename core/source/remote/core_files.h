@@ -6,11 +6,12 @@
 
 namespace isoscope::source {
 
-// Leaves the memory of this process, and of children that it starts from now on, out of their core
-// files: they keep registers alone. Called where a credential is read. Does nothing where the system
-// has no /proc/self/coredump_filter, nor with ISOSCOPE_FULL_CORES=1. Thread-safe.
-// Source: Linux, Documentation/filesystems/proc.rst, "3.4 /proc/<pid>/coredump_filter".
-void LeaveMemoryOutOfCores();
+// From now on the system writes no core of this process, nor of children that it starts. Called
+// where a credential is read. A core of registers alone would not do: vector registers of a thread
+// that waits still have what it copied last, such as a password. Should a core be taken by other
+// means, memory is left out. Does nothing with ISOSCOPE_FULL_CORES=1. Thread-safe.
+// Sources: Linux, Documentation/filesystems/proc.rst, "3.4 /proc/<pid>/coredump_filter"; core(5).
+void ForbidCores();
 
 }  // namespace isoscope::source
 

@@ -138,7 +138,7 @@ absl::Status RemoteClient::AddHttpCredentials(PreparedRequest* request) const {
   if (options_.netrc_file.empty() || !(url.is_https || IsLoopback(url.host))) {
     return absl::OkStatus();
   }
-  LeaveMemoryOutOfCores();
+  ForbidCores();
   const auto text = io::ReadWholeFile(options_.netrc_file, kMaxNetrcBytes);
   ISOSCOPE_RETURN_IF_ERROR(AsSetting("NETRC: ", text.status()));
   const auto entry = FindInNetrc(*text, url.host);

@@ -70,7 +70,7 @@ absl::StatusOr<BearerToken> BearerTokenFrom(const Variables& variables) {
   if (bearer.token.empty() && bearer.file.empty()) {
     return bearer;
   }
-  LeaveMemoryOutOfCores();  // before the file is read, too
+  ForbidCores();  // before the file is read, too
   if (!bearer.token.empty() && !bearer.file.empty()) {
     return absl::InvalidArgumentError(
         "ISOSCOPE_BEARER_TOKEN and ISOSCOPE_BEARER_TOKEN_FILE are both set; expected one");
@@ -134,7 +134,7 @@ absl::StatusOr<std::optional<AwsCredentials>> AwsCredentialsFrom(const Variables
       return std::nullopt;
     }
   }
-  LeaveMemoryOutOfCores();  // of variables
+  ForbidCores();  // of variables
   if (credentials.access_key_id.empty() || credentials.secret_access_key.empty()) {
     return absl::InvalidArgumentError(
         absl::StrCat(where, ": one of key id and secret key is missing; expected both or none"));

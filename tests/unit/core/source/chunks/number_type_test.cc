@@ -93,10 +93,14 @@ TEST(NumberTypeTest, RefusesOtherValues) {
     EXPECT_THAT(NumberBytes(nlohmann::json::parse(value), NumberType::kUint8), StatusIs(kInvalid))
         << value;
   }
-  EXPECT_THAT(NumberBytes(2, NumberType::kBool), StatusIs(kInvalid));
+  EXPECT_THAT(NumberBytes(2, NumberType::kBool), StatusIs(kInvalid, HasSubstr("true or false")));
+  EXPECT_THAT(NumberBytes(-1, NumberType::kUint8),
+              StatusIs(kInvalid, HasSubstr("expected an integer from 0 to 255")));
   EXPECT_THAT(NumberBytes(std::uint64_t{1} << 63, NumberType::kInt64), StatusIs(kInvalid));
   for (const char* value : {"\"0x7fc0\"", "\"0x7fc000001\"", "\"0x7fc0000g\"", "\"nan\"", "null"}) {
-    EXPECT_THAT(NumberBytes(nlohmann::json::parse(value), NumberType::kFloat32), StatusIs(kInvalid))
+    EXPECT_THAT(NumberBytes(nlohmann::json::parse(value), NumberType::kFloat32),
+                StatusIs(kInvalid, HasSubstr("\"NaN\", \"Infinity\", \"-Infinity\", or its bits: "
+                                             "\"0x\" and 8 digits")))
         << value;
   }
 }

@@ -68,6 +68,31 @@ TEST(ShardLayoutTest, DecodesWholeShardsWithTheIndexAtEitherEnd) {
   EXPECT_EQ(start, end);
 }
 
+// "Unused space between them is allowed", says the specification: whoever appends chunks leaves some.
+// The room for it is there no more if a shard counts the bytes of its chunks and its index alone.
+TEST(ShardLayoutTest, DecodesWholeShardsWithUnusedBytes) {
+  for (const bool is_index_at_end : {true, false}) {
+    ShardFile file = File();
+    file.gap = 1000;
+    file.is_index_at_end = is_index_at_end;
+    const ChunkJson configuration =
+        Configuration(is_index_at_end ? "" : R"(, "index_location": "start")");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string decoded,
+                                  DecodeWhole(configuration, file.Bytes()));
+    EXPECT_EQ(decoded, "abzzcdzzefijghkl");
+    // A shard in a shard, of which it is the only chunk.
+    ShardFile outer;
+    outer.chunks = {file.Bytes()};
+    const ChunkJson nested = {
+        {"chunk_shape", {4, 4}},
+        {"codecs", {{{"name", "sharding_indexed"}, {"configuration", configuration}}}},
+        {"index_codecs", {"bytes", "crc32c"}}};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string from_nested,
+                                  DecodeWhole(nested, outer.Bytes()));
+    EXPECT_EQ(from_nested, decoded);
+  }
+}
+
 TEST(ShardLayoutTest, RefusesDamage) {
   const std::string good = File().Bytes();
   for (std::size_t size = 0; size < good.size(); ++size) {
