@@ -1,6 +1,6 @@
 // AddSource adds these to the JSON of `info`, from which DescribeSource makes the text:
 //
-// 1. Fields, each with the ranges of its components if values were read.
+// 1. Fields, each with the ranges of its components if values were read; paths of other grids.
 // 2. Steps and units.
 // 3. The needs of `partition`. A field has a volume for each component, and one for the magnitude
 //    if it has several components; all that times the steps.
@@ -98,6 +98,19 @@ void AddRangeLines(const Json& volume, std::string* text) {
   }
 }
 
+// "ome.zarr:1, ome.zarr:labels/cells": each can be given in place of the path.
+std::string ElsewhereText(const Json& paths) {
+  constexpr std::size_t kMaxPaths = 10;
+  std::string text;
+  for (std::size_t i = 0; i < std::min(paths.size(), kMaxPaths); ++i) {
+    absl::StrAppend(&text, i == 0 ? "" : ", ", base::ShellWord(paths.at(i).get<std::string>()));
+  }
+  if (paths.size() > kMaxPaths) {
+    absl::StrAppend(&text, ", and ", paths.size() - kMaxPaths, " more: --json tells all");
+  }
+  return base::Printable(text);
+}
+
 // The volume to draw among several: the first component with an isovalue that has a surface.
 struct DrawnField {
   std::string flag{};      // " --field u:x"; "" if there is no choice
@@ -187,6 +200,9 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
     volumes += static_cast<std::int64_t>(field.components.size()) +
                (field.components.size() > 1 ? 1 : 0);  // and the magnitude
   }
+  for (const std::string& name : series.info().fields_elsewhere) {
+    (*volume)["elsewhere"].push_back(absl::StrCat(series.info().name, ":", name));
+  }
   volumes *= series.info().step_count();
   (*volume)["time_steps"] = series.info().times;
   (*volume)["time_unit"] = series.info().time_unit;
@@ -223,6 +239,9 @@ void AddSource(const source::VolumeSeries& series, const source::VolumeSource& f
 std::string DescribeSource(const Json& volume) {
   std::string text;
   AddLine("fields", FieldsText(volume.at("fields")), &text);
+  if (volume.contains("elsewhere")) {
+    AddLine("elsewhere", ElsewhereText(volume.at("elsewhere")), &text);
+  }
   AddLine("steps", StepsText(volume), &text);
   if (volume.contains("value_range_steps")) {
     AddRangeLines(volume, &text);

@@ -38,6 +38,7 @@ struct SourceRanges {
 // Adds to `volume`, the JSON of the first volume (VolumeToJson):
 //
 //   "fields"              [{"name", "unit", "components", "value_ranges", "infinite_counts"}]
+//   "elsewhere"           paths of what lies on other grids; if there is any
 //   "time_steps", "time_unit", "length_unit"
 //   "partition"           {"disk_bytes", "memory_bytes", "seconds"}
 //   "commands"            with DIR for a folder, and VALUE for an isovalue if no values were read;

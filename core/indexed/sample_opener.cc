@@ -155,7 +155,30 @@ struct OpenSource {
   bool is_local = true;
   // Bytes that are decoded, over those of the samples that are read.
   double decoding_factor = 1;
+  source::OpenRequest request;
+  int step = 0;
+  int step_count = 1;
   std::unique_ptr<source::VolumeSource> volume;
+};
+
+// DATA_LOSS if files are missing between those of a source of which each file is a step: a step
+// behind a gap is another file, of which only samples tell that.
+absl::Status CheckSteps(const OpenSource& source) {
+  const bool has_files = source.is_local && source.step_count > 1;
+  const std::string gap =
+      has_files ? source::DescribeGap(source.request, source.step_count) : std::string();
+  if (gap.empty()) {
+    return absl::OkStatus();
+  }
+  return Explain(source.names, absl::DataLossError(absl::StrCat(
+                                   source.request.path, ": step ", source.step,
+                                   " has other samples than were partitioned, and ", gap)));
+}
+
+// A volume of a source, and of how many steps it is one.
+struct OpenVolume {
+  std::unique_ptr<source::VolumeSource> volume;
+  int step_count = 1;
 };
 
 // Sources of series that are kept open, though none of their volumes is.
@@ -220,12 +243,13 @@ class Sources {
   absl::StatusOr<std::shared_ptr<const OpenSource>> OpenNow(const store::Manifest& manifest)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
   // The only volume of a source.
-  [[nodiscard]] absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenOnly(
-      const source::OpenRequest& request, absl::string_view where) const;
+  [[nodiscard]] absl::StatusOr<OpenVolume> OpenOnly(const source::OpenRequest& request,
+                                                    absl::string_view where) const;
   // A volume of a series. members: of the request
-  absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenOneOf(
-      const source::OpenRequest& request, std::map<std::string, std::string> members,
-      const SourceVolume& wanted, absl::string_view where) ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
+  absl::StatusOr<OpenVolume> OpenOneOf(const source::OpenRequest& request,
+                                       std::map<std::string, std::string> members,
+                                       const SourceVolume& wanted, absl::string_view where)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(turn_);
   [[nodiscard]] absl::StatusOr<std::shared_ptr<source::VolumeSeries>> OpenSeries(
       const source::OpenRequest& request, absl::string_view where) const;
   [[nodiscard]] std::string PathOf(const std::string& recorded) const;
@@ -347,18 +371,18 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
   ISOSCOPE_RETURN_IF_ERROR(CheckAllowed(request.path, where));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<SourceVolume> wanted,
                             DecodeSourceVolume(manifest.in_source->request, where));
-  absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume =
+  absl::StatusOr<OpenVolume> opened =
       wanted.has_value() ? OpenOneOf(request, manifest.in_source->request, *wanted, where)
                          : OpenOnly(request, where);
-  if (!volume.ok()) {
-    const bool is_ours = absl::StartsWith(volume.status().message(), where);  // CheckAllowed
-    return is_ours ? volume.status() : Explain(names, volume.status());
+  if (!opened.ok()) {
+    const bool is_ours = absl::StartsWith(opened.status().message(), where);  // CheckAllowed
+    return is_ours ? opened.status() : Explain(names, opened.status());
   }
-  const source::SourceInfo& info = (*volume)->info();
+  std::unique_ptr<source::VolumeSource> volume = std::move(opened->volume);
+  const source::SourceInfo& info = volume->info();
   const math::Index3& dims = info.geometry.sample_dims;
   const math::Index3& expected = manifest.geometry.sample_dims;
-  if (!(dims == expected) || info.type != manifest.scalar_type ||
-      !(*volume)->box_grid().has_value()) {
+  if (!(dims == expected) || info.type != manifest.scalar_type || !volume->box_grid().has_value()) {
     return Explain(
         names,
         absl::InvalidArgumentError(absl::StrFormat(
@@ -369,28 +393,34 @@ absl::StatusOr<std::shared_ptr<const OpenSource>> Sources::OpenNow(
   }
   // With the samples that a stride skips.
   const auto stride = static_cast<double>(request.stride);
-  const double factor =
-      static_cast<double>((*volume)->decoding_factor()) * stride * stride * stride;
-  return std::make_shared<const OpenSource>(OpenSource{.names = names,
-                                                       .number = next_number_++,
-                                                       .is_local = !IsAddress(request.path),
-                                                       .decoding_factor = factor,
-                                                       .volume = *std::move(volume)});
+  const double factor = static_cast<double>(volume->decoding_factor()) * stride * stride * stride;
+  return std::make_shared<const OpenSource>(
+      OpenSource{.names = names,
+                 .number = next_number_++,
+                 .is_local = !IsAddress(request.path),
+                 .decoding_factor = factor,
+                 .request = std::move(request),
+                 .step = wanted.has_value() ? wanted->step : 0,
+                 .step_count = opened->step_count,
+                 .volume = std::move(volume)});
 }
 
-absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOnly(
-    const source::OpenRequest& request, absl::string_view where) const {
+absl::StatusOr<OpenVolume> Sources::OpenOnly(const source::OpenRequest& request,
+                                             absl::string_view where) const {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<source::VolumeSeries> series,
                             OpenSeries(request, where));
-  return source::IsOneVolume(series->info())
-             ? series->Open(0, 0, 0)
-             : absl::InvalidArgumentError(
-                   absl::StrCat(request.path, ": has several fields or steps, expected one"));
+  if (!source::IsOneVolume(series->info())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(request.path, ": has several fields or steps, expected one"));
+  }
+  OpenVolume opened;
+  ISOSCOPE_ASSIGN_OR_RETURN(opened.volume, series->Open(0, 0, 0));
+  return opened;
 }
 
-absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOneOf(
-    const source::OpenRequest& request, std::map<std::string, std::string> members,
-    const SourceVolume& wanted, absl::string_view where) {
+absl::StatusOr<OpenVolume> Sources::OpenOneOf(const source::OpenRequest& request,
+                                              std::map<std::string, std::string> members,
+                                              const SourceVolume& wanted, absl::string_view where) {
   for (const char* const member :
        {store::kFieldMember, store::kComponentMember, store::kStepMember}) {
     members.erase(member);
@@ -410,8 +440,9 @@ absl::StatusOr<std::unique_ptr<source::VolumeSource>> Sources::OpenOneOf(
   absl::StatusOr<std::unique_ptr<source::VolumeSource>> volume = OpenFrom(request, series, wanted);
   if (!volume.ok()) {
     series_.erase(kept);  // it may be another one by now
+    return volume.status();
   }
-  return volume;
+  return OpenVolume{.volume = *std::move(volume), .step_count = series.info().step_count()};
 }
 
 absl::StatusOr<std::shared_ptr<source::VolumeSeries>> Sources::OpenSeries(
@@ -460,7 +491,9 @@ class UnitReader final : public store::SampleReader {
   [[nodiscard]] absl::Status Doubt(volume::BlockId id) const override {
     const std::shared_ptr<const OpenSource> source = Source();
     sources_->units().Doubt(KeyOf(*source, UnitOf(id)));
-    return OpenAgain(*source, base::ProcessInterrupt()).status();
+    ISOSCOPE_RETURN_IF_ERROR(OpenAgain(*source, base::ProcessInterrupt()).status());
+    const base::MutexLock lock(&mutex_);
+    return gap_error_;
   }
   [[nodiscard]] bool HasUnit(const math::Index3& unit) const override {
     return sources_->units().Has(KeyOf(*Source(), unit));
@@ -511,9 +544,11 @@ class UnitReader final : public store::SampleReader {
     if (!source.ok()) {
       ISOSCOPE_RETURN_IF_ERROR(base::ProcessInterrupt().Check());  // says nothing of the source
     }
+    const absl::Status gap_error = source.ok() ? CheckSteps(**source) : absl::OkStatus();
     const base::MutexLock lock(&mutex_);
     reopened_ = base::MonotonicNow();
     reopening_error_ = source.status();
+    gap_error_ = gap_error;
     source_ = source.ok() ? *source : source_;
     return source;
   }
@@ -603,6 +638,7 @@ class UnitReader final : public store::SampleReader {
   mutable base::MonotonicTime reopened_ ABSL_GUARDED_BY(mutex_) =
       base::MonotonicTime::InfinitePast();
   mutable absl::Status reopening_error_ ABSL_GUARDED_BY(mutex_);
+  mutable absl::Status gap_error_ ABSL_GUARDED_BY(mutex_);  // CheckSteps
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/process_interrupt.h"
+#include "core/io/file.h"
 
 namespace isoscope::io {
 
@@ -33,6 +34,10 @@ class TemporaryFolder {
   [[nodiscard]] std::string Sub(absl::string_view name) const {
     return absl::StrCat(path_, "/", name);
   }
+  // Creates `path()/name`, which must not exist. Nothing is buffered, and Close() does not wait for
+  // the disk: the file is of no use after a crash. Errors as CreateWritableFile.
+  [[nodiscard]] absl::StatusOr<std::unique_ptr<WritableFile>> CreateFile(
+      absl::string_view name) const;
 
  private:
   explicit TemporaryFolder(std::string path)

@@ -108,6 +108,25 @@ std::string OtherGridAdvice(const SeriesInfo& source, absl::string_view field) {
   return "";
 }
 
+std::string OtherGridsNote(const SeriesInfo& source) {
+  constexpr std::size_t kMaxNamed = 5;
+  const std::vector<std::string>& names = source.fields_elsewhere;
+  if (names.empty()) {
+    return "";
+  }
+  const std::size_t named = std::min(names.size(), kMaxNamed);
+  std::string text = absl::StrJoin(
+      names.begin(), names.begin() + static_cast<std::ptrdiff_t>(named), ", ",
+      [](std::string* out, const std::string& name) { absl::StrAppend(out, "\"", name, "\""); });
+  if (names.size() > named) {
+    absl::StrAppend(&text, " and ", names.size() - named, " more");
+  }
+  return absl::StrCat(
+      text, names.size() == 1 ? " lies on another grid: open " : " lie on other grids: open ",
+      base::ShellWord(absl::StrCat(source.name, ":", names.front())),
+      names.size() == 1 ? "" : ", or another of them");
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectFrom(std::unique_ptr<VolumeSeries> source,
                                                          const SeriesSelection& selection) {
   SeriesInfo info = source->info();

@@ -34,6 +34,10 @@ struct SeriesSelection {
 // on another grid: open run.nc:u". "" if the source has no such field.
 std::string OtherGridAdvice(const SeriesInfo& source, absl::string_view field);
 
+// Says in a sentence without its end which fields lie on other grids, and how to open one: "b" lies on
+// another grid: open run.zarr:b. Names five at most. "" if there are none.
+std::string OtherGridsNote(const SeriesInfo& source);
+
 // INVALID_ARGUMENT: no such field (lists those there are) or step, a field twice, or a time
 // although the source has times.
 absl::StatusOr<std::unique_ptr<VolumeSeries>> SelectFrom(std::unique_ptr<VolumeSeries> source,

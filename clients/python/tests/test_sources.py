@@ -167,9 +167,9 @@ def test_a_chunk_of_another_type_or_shape_than_the_array_says_is_refused(tmp_pat
 
 def test_samples_beyond_the_disk_take_nothing_of_it(monkeypatch, tmp_path):
     """Some file systems take all that is left before they refuse, and other programs fail meanwhile."""
-    monkeypatch.setattr(
-        samples.os, "statvfs", lambda folder: types.SimpleNamespace(f_bfree=2, f_frsize=50, f_blocks=10)
-    )
+    # Blocks that the disk keeps for root are no room.
+    disk = types.SimpleNamespace(f_bfree=9, f_bavail=2, f_frsize=50, f_blocks=10)
+    monkeypatch.setattr(samples.os, "statvfs", lambda folder: disk)
     monkeypatch.setattr(samples.os, "posix_fallocate", lambda *_: pytest.fail("the disk was asked"))
     lazy = Lazy(np.zeros((2, 3, 4)), [[2], [3], [4]])
     with open(tmp_path / "samples", "w+b") as file:

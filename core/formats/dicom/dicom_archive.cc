@@ -1,10 +1,11 @@
 // Unpacking takes three steps:
 //
 //   1. The directory alone is judged: names, overlaps, sizes, and the room on the disk.
-//   2. Each member is written as NUMBER_NAME into one folder: "PAT/SE01/IM3" is 000003_IM3. Numbers
+//   2. The start of a member tells whether it is a DICOM file. If it does not, as of viewers,
+//      pictures and the index DICOMDIR, nothing of it is written, and no more of it is read.
+//   3. The others are written as NUMBER_NAME into one folder: "PAT/SE01/IM3" is 000003_IM3. Numbers
 //      keep the order, and no character of a stranger's name but letters, digits, '.', '-' and '_'
 //      gets into a path.
-//   3. What is no DICOM file is removed at once: viewers, pictures, the index DICOMDIR.
 
 #include "core/formats/dicom/dicom_archive.h"
 
@@ -28,9 +29,11 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/formats/dicom/dicom_folder.h"
+#include "core/formats/dicom/dicom_scan.h"
 #include "core/formats/dicom/dicom_source.h"
 #include "core/io/file.h"
 #include "core/io/temporary_folder.h"
+#include "core/source/bytes/decoded_stream.h"
 #include "core/source/bytes/zip_file.h"
 
 namespace isoscope::source {
@@ -114,19 +117,62 @@ std::string FlatName(std::size_t number, const std::string& name) {
   return flat;
 }
 
-absl::Status Unpack(const io::RandomAccessFile& archive, const ZipMember& member,
-                    const std::string& to) {
+// A member of which only the start is known. Remembers whether more was asked for.
+class MemberStart final : public io::RandomAccessFile {
+ public:
+  MemberStart(absl::string_view start, const ZipMember& member)
+      : start_(start), size_bytes_(member.size_bytes), name_(member.name) {}
+
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckRange(*this, offset, size));
+    const auto begin = static_cast<std::size_t>(offset);
+    if (begin > start_.size() || size > start_.size() - begin) {
+      is_too_short_ = true;
+      return absl::OutOfRangeError(absl::StrCat(name_, ": is not unpacked so far"));
+    }
+    start_.copy(out, size, begin);
+    return absl::OkStatus();
+  }
+  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
+  [[nodiscard]] const std::string& path() const override { return name_; }
+
+  // False if what is known tells that it is none.
+  [[nodiscard]] bool MayBeDicom() const { return HasDicomStart(*this) || is_too_short_; }
+
+ private:
+  const absl::string_view start_;
+  const std::int64_t size_bytes_;
+  const std::string name_;
+  mutable bool is_too_short_ = false;
+};
+
+// Unpacks a member into a file of the folder, if it is a DICOM file. Returns whether it is.
+absl::StatusOr<bool> Unpack(const io::RandomAccessFile& archive, const ZipMember& member,
+                            const io::TemporaryFolder& folder, const std::string& name) {
   const std::unique_ptr<DecodedStream> stream = MakeZipStream(member, &archive);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> file,
-                            io::CreateWritableFile(to));
   std::string part(kUnpackBytes, '\0');
-  while (stream->position() < member.size_bytes) {
+  std::unique_ptr<io::WritableFile> file;
+  do {
     ISOSCOPE_RETURN_IF_ERROR(base::CheckProcessInterrupt());
     ISOSCOPE_ASSIGN_OR_RETURN(const std::size_t got, stream->Read(part.size(), part.data()));
-    ISOSCOPE_RETURN_IF_ERROR(file->Append(absl::string_view(part).substr(0, got)));
-  }
+    const absl::string_view bytes = absl::string_view(part).substr(0, got);
+    if (file == nullptr) {
+      if (!MemberStart(bytes, member).MayBeDicom()) {
+        return false;
+      }
+      ISOSCOPE_ASSIGN_OR_RETURN(file, folder.CreateFile(name));
+    }
+    ISOSCOPE_RETURN_IF_ERROR(file->Append(bytes));
+  } while (stream->position() < member.size_bytes);
   ISOSCOPE_RETURN_IF_ERROR(stream->VerifyEnd());
-  return file->Close();
+  ISOSCOPE_RETURN_IF_ERROR(file->Close());
+  const std::string path = folder.Sub(name);
+  if (IsDicomFile(path)) {
+    return true;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
+  return false;
 }
 
 using SharedFolder = std::shared_ptr<const io::TemporaryFolder>;
@@ -144,13 +190,9 @@ absl::StatusOr<SharedFolder> UnpackDicom(const std::string& path) {
     if (member.is_folder() || absl::EndsWithIgnoreCase(member.name, "DICOMDIR")) {
       continue;
     }
-    const std::string file = folder->Sub(FlatName(i + 1, member.name));
-    ISOSCOPE_RETURN_IF_ERROR(Unpack(*archive, member, file));
-    if (IsDicomFile(file)) {
-      ++kept;
-    } else {
-      ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(file));
-    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool is_dicom,
+                              Unpack(*archive, member, *folder, FlatName(i + 1, member.name)));
+    kept += is_dicom ? 1 : 0;
   }
   if (kept == 0) {
     return ArchiveError(path, absl::StrFormat("none of its %d members is a DICOM file; unpack it, "

@@ -132,6 +132,10 @@ absl::StatusOr<ZarrOpened> FindPart(ZarrStore* store, const std::string& part,
     opened.part = absl::StrCat(opened.volumes.fields[0].field.name, ":", opened.part);
   }
   LeaveOutOtherFields(&opened);
+  if (opened.part.empty() && !opened.volumes.left_out.empty()) {
+    absl::StrAppend(&opened.volumes.note, opened.volumes.note.empty() ? "" : "; ",
+                    opened.volumes.left_out);
+  }
   return opened;
 }
 

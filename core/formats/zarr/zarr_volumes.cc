@@ -31,6 +31,7 @@
 #include "core/source/grid/axis_order.h"
 #include "core/source/grid/cf_grid.h"
 #include "core/source/series_parts.h"
+#include "core/source/series_selection.h"
 
 namespace isoscope::source {
 namespace {
@@ -407,6 +408,9 @@ absl::StatusOr<ZarrVolumes> CfVolumes(ZarrStore* store, const std::vector<CfArra
     volumes.fields.push_back(CfField(*store, volume, components));
     volumes.info.fields.push_back(volumes.fields.back().field);
     volumes.arrays.push_back(volume.array.path);
+  }
+  if (wanted.empty()) {
+    volumes.left_out = OtherGridsNote(volumes.info);
   }
   if (volumes.fields.empty()) {
     return absl::InvalidArgumentError(

@@ -40,6 +40,7 @@ struct ZarrVolumes {
   absl::StatusOr<volume::GridGeometry> geometry = absl::UnknownError("no grid");
   AxisDistances distances{};          // of a grid that is not even, if the rules resample
   std::string note{};                 // as SourceInfo::note
+  std::string left_out{};             // which arrays of the group are, if none was asked for
   std::vector<std::string> arrays{};  // paths of all that decide samples or positions
 };
 

@@ -1,19 +1,23 @@
 #include "client-cli/output/source_json.h"
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
 #include "core/base/shell_word.h"
 #include "core/formats/open_volume.h"
+#include "core/source/volume_series.h"
 #include "core/source/volume_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
+#include "tests/unit/core/partition/series_fixture.h"
 
 namespace isoscope::cli {
 namespace {
@@ -62,6 +66,28 @@ TEST_F(SourceJsonTest, SeveralArePartitionedFirst) {
   EXPECT_EQ(volume.at("commands").at(1), "isoscope render DIR --isovalue 1.5");
   EXPECT_THAT(DescribeSource(volume), HasSubstr("steps         3, from 0 to 2 s\n"));
   EXPECT_THAT(DescribeSource(volume), HasSubstr("mm of spacing and origin"));
+}
+
+// Symptom: nothing told of what lies on another grid than the fields that are read.
+TEST_F(SourceJsonTest, PathsOfWhatLiesOnOtherGridsAreTold) {
+  partition::MemorySeries flow(partition::FlowFields(), {});
+  const auto describe = [&](int count) {
+    source::SeriesInfo info = flow.info();
+    info.name = "a run.npz";
+    for (int i = 0; i < count; ++i) {
+      info.fields_elsewhere.push_back(absl::StrCat("q", i));
+    }
+    partition::MemorySeries series(info);
+    const auto first = series.Open(0, 0, 0).value();
+    Json volume = VolumeToJson(*first, std::nullopt);
+    AddSource(series, *first, {}, "'a run.npz'", "'a run.npz'", &volume);
+    return volume;
+  };
+  EXPECT_EQ(describe(2).at("elsewhere"), Json::array({"a run.npz:q0", "a run.npz:q1"}));
+  EXPECT_THAT(DescribeSource(describe(2)),
+              HasSubstr("\nelsewhere     'a run.npz:q0', 'a run.npz:q1'\n"));
+  EXPECT_THAT(DescribeSource(describe(30)), HasSubstr("'a run.npz:q9', and 20 more: --json"));
+  EXPECT_THAT(DescribeSource(describe(0)), Not(HasSubstr("elsewhere")));
 }
 
 TEST_F(SourceJsonTest, RangesHaveALineForEachComponent) {

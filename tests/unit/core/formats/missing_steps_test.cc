@@ -1,6 +1,7 @@
 #include "core/formats/missing_steps.h"
 
 #include <cstddef>
+#include <filesystem>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -32,6 +33,12 @@ TEST_F(MissingStepsTest, NamesAFileOnlyWhereAFileIsAStep) {
   }
   EXPECT_EQ(DescribeMissingSteps({.path = dir_.Sub("run_1.vti")}, 1, 2),
             "has 1 steps, expected 2 or more, as there were");
+  EXPECT_EQ(DescribeGap({.path = dir_.Sub("run_*.vti")}, 3), "run_2.vti is missing");
+  for (const char* const path : {"run_*.vti", "run_1.vti", "none.h5"}) {
+    EXPECT_EQ(DescribeGap({.path = dir_.Sub(path)}, 2), "");
+  }
+  std::filesystem::remove(dir_.Sub("run_3.vti"));
+  EXPECT_EQ(DescribeGap({.path = dir_.Sub("run_*.vti")}, 2), "");
 }
 
 }  // namespace

@@ -363,12 +363,12 @@ TEST_F(SampleOpenerTest, AStepThatIsMissingIsNamed) {
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const store::SeriesManifest series,
                                 CutSeries({.path = dir_.Sub("run_*.vti")}, OptionsTo("d"), true));
-  const auto read_without = [&](std::vector<int> missing) {
+  const auto read_without = [&](std::vector<int> missing, int read_step = 3) {
     for (const int step : missing) {
       fs::rename(path_of(step), absl::StrCat(path_of(step), ".away"));
     }
     const absl::Status status =
-        ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = 3},
+        ReadBlocks(dir_.Sub("d"), series, {.field = 0, .component = 0, .step = read_step},
                    MakeSampleOpener(kOwn))
             .status();
     for (const int step : missing) {
@@ -386,6 +386,15 @@ TEST_F(SampleOpenerTest, AStepThatIsMissingIsNamed) {
   EXPECT_THAT(read_without({3}),
               says("files are missing before run_0.vti, behind run_2.vti or between them"));
   EXPECT_THAT(read_without({0, 2, 3}), says("files are missing beside run_1.vti"));
+  // Steps before the last one are other files now: only their samples tell.
+  const std::string others = "run_*.vti: step 2 has other samples than were partitioned, and ";
+  EXPECT_THAT(read_without({2}, 2), says(others + "run_2.vti is missing"));
+  EXPECT_THAT(read_without({1}, 2), says(others + "run_1.vti is missing"));
+  ISOSCOPE_EXPECT_OK(read_without({2}, 1));
+  // Names do not tell that the first one is missing, and all are there.
+  EXPECT_THAT(read_without({0}, 2), says("are not those that were partitioned"));
+  fs::copy_file(path_of(0), path_of(2), fs::copy_options::overwrite_existing);
+  EXPECT_THAT(read_without({}, 2), says("are not those that were partitioned"));
   ISOSCOPE_EXPECT_OK(read_without({}));
 }
 

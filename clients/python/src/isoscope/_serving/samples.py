@@ -152,7 +152,7 @@ def write_samples(file: IO[bytes], samples: AnyArray, dtype: np.dtype[Any], prog
 
 
 def check_room(folder: str | os.PathLike[str], size: int) -> None:
-    """Refuses what is larger than the free room of the disk.
+    """Refuses what is larger than the free room of the disk, without the blocks that are kept for root.
 
     Raises:
         ResourceExhaustedError: there is less room.
@@ -160,7 +160,7 @@ def check_room(folder: str | os.PathLike[str], size: int) -> None:
     if not hasattr(os, "statvfs"):
         return
     disk = os.statvfs(folder)
-    free = disk.f_bfree * disk.f_frsize
+    free = disk.f_bavail * disk.f_frsize
     if disk.f_blocks and size > free:  # some file systems do not count
         raise _no_room(folder, size, f"{free} bytes are free")
 

@@ -148,6 +148,28 @@ TEST_F(DicomArchiveTest, HarmfulArchivesAreRefused) {
               StatusIs(kInvalid, HasSubstr("none of its 1 members is a DICOM file; unpack it")));
 }
 
+// Symptom: a viewer of a GiB beside the slices was unpacked to be removed.
+TEST_F(DicomArchiveTest, OfWhatIsNoDicomOnlyTheStartIsRead) {
+  constexpr std::size_t kViewerBytes = std::size_t{3} << 20;
+  std::vector<ZipEntry> entries = SeriesOfThree(7);
+  // A checksum is compared as the last byte is read.
+  entries.insert(entries.begin(), {.name = "viewer.exe",
+                                   .bytes = "MZ" + std::string(kViewerBytes, '\x90'),
+                                   .is_deflated = true,
+                                   .crc = 1});
+  ISOSCOPE_EXPECT_OK(OpenVolumeFile(Write("export.zip", ZipBytes(entries))).status());
+  // Where the start does not tell, the file does: what says DICOM lies behind it.
+  const std::string late =
+      testing::DicomElement(0x0008, 0x0001, "UN", std::string(kViewerBytes, 'x')) +
+      testing::DicomElement(0x0008, 0x0016, "UI", "1.2.840.10008.5.1.4.1.1.2");
+  for (const bool is_deflated : {false, true}) {
+    EXPECT_THAT(
+        OpenVolumeSeries(Write(
+            "late.zip", ZipBytes({{.name = "a", .bytes = late, .is_deflated = is_deflated}}))),
+        StatusIs(kInvalid, Not(HasSubstr("is a DICOM file"))));
+  }
+}
+
 TEST_F(DicomArchiveTest, BombsAreRefusedByWhatTheyPromise) {
   // What the members hold is never looked at.
   const std::string noise = testing::Noise({1000, 1000, 1}, volume::ScalarType::kUint8);

@@ -3,6 +3,7 @@
 #include <memory>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -103,6 +104,38 @@ TEST(ZarrSeriesTest, OpensOneArrayOfAGroup) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto volume, one->Open(0, 0, 0));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string samples, ReadAll(*volume, 1));
   EXPECT_EQ(samples, std::string(24, '\x09'));  // no chunk is there
+}
+
+// Symptom: of arrays on two grids the first ones were served, without a word about the others.
+TEST(ZarrSeriesTest, ArraysOnAnotherGridAreNamedWithThePathThatOpensThem) {
+  const auto array = [](int size) {
+    return Zarr2Text({size, 3, 4}, {size, 3, 4}, "|u1", ", \"fill_value\": 7");
+  };
+  Objects objects = {{".zgroup", "{\"zarr_format\": 2}"}, {"g/.zgroup", "{\"zarr_format\": 2}"},
+                     {"g/a/.zarray", array(2)},           {"g/b/.zarray", array(2)},
+                     {"g/fine/.zarray", array(5)},        {"g/mask/.zarray", array(5)}};
+  const auto note_of = [&](const std::string& part) {
+    const auto series = OpenSeries(objects, part);
+    const auto volume = series.ok() ? (*series)->Open(0, 0, 0) : series.status();
+    return volume.ok() ? (*volume)->info().note : volume.status().ToString();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto series, OpenSeries(objects, "g"));
+  const std::string name = series->info().name;
+  EXPECT_EQ(note_of("g"), absl::StrCat("\"g/fine\", \"g/mask\" lie on other grids: open ", name,
+                                       ":g/fine, or another of them"));
+  objects.erase("g/mask/.zarray");
+  EXPECT_EQ(note_of("g"), absl::StrCat("\"g/fine\" lies on another grid: open ", name, ":g/fine"));
+  // Who has chosen needs no advice.
+  for (const char* const part : {"g/a", "g:a", "g/fine"}) {
+    EXPECT_EQ(note_of(part), "") << part;
+  }
+  for (int i = 0; i < 9; ++i) {
+    objects[absl::StrCat("g/z", i, "/.zarray")] = array(6 + i);
+  }
+  EXPECT_THAT(note_of("g"), HasSubstr("\"g/z3\" and 5 more lie on other grids: open "));
+  // Levels of an image are no news.
+  objects = Image();
+  EXPECT_EQ(note_of(""), "");
 }
 
 TEST(ZarrSeriesTest, FindsStoresByPath) {
