@@ -56,6 +56,16 @@ absl::StatusOr<BegunFrames::Call> BegunFrames::BeginQuestion(const std::string& 
   return Begin(first->first, /*is_question=*/true);
 }
 
+void BegunFrames::EndFrame(const std::string& request_id, std::int64_t frame_number) {
+  const base::MutexLock lock(&mutex_);
+  const auto entry = entries_.find({request_id, frame_number});
+  if (entry != entries_.end()) {
+    entry->second.has_ended = true;  // its last call may not have ended here, although it has there
+    entry->second.end = base::MonotonicTime::InfinitePast();
+    changed_.SignalAll();
+  }
+}
+
 absl::Status BegunFrames::CheckNotStopping() const {
   const base::MutexLock lock(&mutex_);
   return is_stopping_ ? StopsError() : absl::OkStatus();
@@ -81,7 +91,9 @@ void BegunFrames::AwaitEnd(base::MonotonicTime deadline) {
 }
 
 BegunFrames::Call BegunFrames::Begin(Key key, bool is_question) {
-  ++entries_[key].call_count;
+  Entry& entry = entries_[key];
+  ++entry.call_count;
+  entry.has_ended = false;
   return {this, std::move(key), is_question};
 }
 
@@ -89,8 +101,10 @@ void BegunFrames::EndCall(const Call& call) {
   const base::MutexLock lock(&mutex_);
   Entry& entry = entries_.find(call.key_)->second;
   --entry.call_count;
-  entry.end = std::max(call.is_question_ ? entry.end : call.others_until_,
-                       base::MonotonicNow() + after_last_call_);
+  if (!entry.has_ended) {
+    entry.end = std::max(call.is_question_ ? entry.end : call.others_until_,
+                         base::MonotonicNow() + after_last_call_);
+  }
   if (entries_.size() > kMaxEntries) {
     const auto ends_before = [](const Entries::value_type& a, const Entries::value_type& b) {
       return (a.second.call_count == 0) != (b.second.call_count == 0) ? a.second.call_count == 0

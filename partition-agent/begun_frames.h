@@ -29,7 +29,7 @@ class BegunFrames {
   // pick, a drawing with smaller bands after an agent had no room.
   static constexpr absl::Duration kAfterLastCall = absl::Seconds(1);
   // A call that was said to follow begins within this time: others may draw their parts as long. It
-  // may never come, if the client leaves, or if no plane is left to draw. `docker stop` waits 10 s.
+  // never comes if the coordinator dies, which then does not say so. `docker stop` waits 10 s.
   static constexpr absl::Duration kBetweenCalls = absl::Seconds(5);
   // Those between calls beyond it are forgotten, the one that ends first before others.
   static constexpr std::size_t kMaxEntries = 1024;
@@ -70,6 +70,10 @@ class BegunFrames {
   absl::StatusOr<Call> BeginFrame(const std::string& request_id, std::int64_t frame_number)
       ABSL_LOCKS_EXCLUDED(mutex_);
   absl::StatusOr<Call> BeginQuestion(const std::string& request_id) ABSL_LOCKS_EXCLUDED(mutex_);
+  // No other call of the frame follows, whatever its calls have said: one that still is in work is the
+  // last.
+  void EndFrame(const std::string& request_id, std::int64_t frame_number)
+      ABSL_LOCKS_EXCLUDED(mutex_);
   [[nodiscard]] absl::Status CheckNotStopping() const ABSL_LOCKS_EXCLUDED(mutex_);
 
   // Lets in nothing new from now on. Returns the number of requests that go on.
@@ -80,7 +84,8 @@ class BegunFrames {
  private:
   using Key = Call::Key;
   struct Entry {
-    int call_count = 0;  // in work
+    int call_count = 0;      // in work
+    bool has_ended = false;  // EndFrame was called, and no call has begun since
     // If no call is in work. The last call of a frame says when.
     base::MonotonicTime end = base::MonotonicTime::InfinitePast();
   };

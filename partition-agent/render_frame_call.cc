@@ -52,6 +52,17 @@ Event EventOf(const v1::RenderFrameRequest& message) {
   return Event::kEmptyMessage;
 }
 
+// No frame: only the end of one between calls.
+bool SaysThatNoneFollows(const v1::RenderFrameRequest& message) {
+  return message.has_begin() && !message.begin().has_frame() &&
+         message.begin().shard_indices().empty();
+}
+
+// The number of a frame among those that have begun.
+std::int64_t BegunNumberOf(std::int64_t frame_number) {
+  return std::max(frame_number, std::int64_t{0});
+}
+
 // One frame. It owns itself until gRPC is done with it. A running step shares it.
 class RenderFrameCall final : public FrameReactor {
  public:
@@ -63,6 +74,7 @@ class RenderFrameCall final : public FrameReactor {
   }
 
   ~RenderFrameCall() override {
+    begun_ = BegunFrames::Call();  // before it is seen that the frame is not in work
     if (is_admitted_) {
       agent_.frame_count.fetch_sub(1);
     }
@@ -77,7 +89,12 @@ class RenderFrameCall final : public FrameReactor {
     v1::RenderFrameRequest message;
     message.Swap(&incoming_);
     absl::Status status = proto::CheckIntact(message);
-    if (status.ok()) {
+    if (status.ok() && SaysThatNoneFollows(message)) {
+      status = EndFrame(message.begin().frame_number());
+      if (status.ok()) {
+        return;
+      }
+    } else if (status.ok()) {
       status = Accept(std::move(message));
     }
     if (!status.ok()) {
@@ -120,12 +137,23 @@ class RenderFrameCall final : public FrameReactor {
     if (message.has_begin()) {
       ISOSCOPE_RETURN_IF_ERROR(Admit());
       frame_number_ = message.begin().frame_number();
-      ISOSCOPE_ASSIGN_OR_RETURN(begun_,
-                                agent_.begun.BeginFrame(identity_.request_id(),
-                                                        std::max(frame_number_, std::int64_t{0})));
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          begun_, agent_.begun.BeginFrame(identity_.request_id(), BegunNumberOf(frame_number_)));
       others_follow_ = message.begin().others_follow();
     }
     return Schedule(std::move(message));
+  }
+
+  // Ends the call as well.
+  absl::Status EndFrame(std::int64_t frame_number) ABSL_LOCKS_EXCLUDED(mutex_) {
+    {
+      const base::MutexLock lock(&mutex_);
+      ISOSCOPE_RETURN_IF_ERROR(state_.Apply(Event::kBegin));
+      state_.End();
+    }
+    agent_.begun.EndFrame(identity_.request_id(), BegunNumberOf(frame_number));
+    outgoing_.Finish(absl::OkStatus());
+    return absl::OkStatus();
   }
 
   absl::Status Admit() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

@@ -137,9 +137,10 @@ absl::Status DrawValues(const FrameToRange& frame, AskedFrame stepped,
   FrameIdentity identity = *frame.identity;
   identity.trace = nullptr;
   identity.agent_traces = nullptr;
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameResult result,
-                            frame.runner->Run(identity, stepped, target, frame.parts,
-                                              {.others_follow = frame.is_drawn_after}));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const FrameResult result,
+      frame.runner->Run(identity, stepped, target, frame.parts,
+                        {.others_follow = frame.is_drawn_after, .following = frame.following}));
   ISOSCOPE_RETURN_IF_ERROR(identity.cancellation->Check());
   base::RunIn(frame.runner->state().arena.get(), [&] {
     visible->Add({.order = target.order,

@@ -10,6 +10,7 @@
 #include "core/frame/frame_spec.h"
 #include "core/view/camera.h"
 #include "server/cluster/frame_part.h"
+#include "server/frame/frame_ends.h"
 #include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
@@ -24,7 +25,8 @@ struct FrameToRange {
   // Regions of the picture, which are drawn one after another to find what is visible; empty: all at
   // once.
   std::vector<view::Region> bands = {};
-  bool is_drawn_after = false;  // the picture, with these ranges
+  bool is_drawn_after = false;          // the picture, with these ranges
+  FollowingCalls* following = nullptr;  // as DrawingContext::following
 };
 
 // Returns the frame with steps of maps in place of colours, as it is drawn to find what is visible:

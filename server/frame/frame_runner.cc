@@ -409,6 +409,9 @@ class FrameRunner::Attempt {
     }
     leases_.push_back(runner_.state_.replicas.Take(agent.address));
     begins_.emplace(agent.address, base::MonotonicNow());
+    if (context_.following != nullptr) {
+      context_.following->Note(agent, context_.others_follow);
+    }
     return BeginFrameOnAgent(agent, std::move(of_part), target_.layout.block_count(),
                              identity_.cancellation->deadline(), runner_.state_.mailboxes.get(),
                              *identity_.request, trace_target, listener);
@@ -503,6 +506,10 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity, cons
       parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(lost));
     }
   }
+}
+
+void FrameRunner::EndCalls(const FrameIdentity& identity, FollowingCalls* following) {
+  frame_ends_.Tell(following, *identity.request, identity.number);
 }
 
 absl::Status FrameRunner::AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,

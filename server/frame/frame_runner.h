@@ -29,6 +29,7 @@
 #include "server/frame/coordinator_state.h"
 #include "server/frame/drawn_blocks.h"
 #include "server/frame/frame_coordinator.h"
+#include "server/frame/frame_ends.h"
 #include "server/frame/frame_ticket.h"
 #include "server/frame/render_statistics.h"
 #include "server/frame/sample_counts.h"
@@ -79,6 +80,9 @@ struct DrawingContext {
   const DrawnBlocks* drawn = nullptr;
   int drawing_count = 1;       // of the call; they share the spans of its trace
   bool others_follow = false;  // other drawings of the frame: agents that stop wait for them
+  // Learns of the calls, so that FrameRunner::EndCalls can tell agents if none follow after all. Null:
+  // others never follow.
+  FollowingCalls* following = nullptr;
 };
 
 // Returns true if the frame may work with fewer pixels: an agent, or the coordinator, has no memory
@@ -114,6 +118,8 @@ class FrameRunner {
   absl::StatusOr<FrameResult> Run(const FrameIdentity& identity, const AskedFrame& asked,
                                   const FrameTarget& target, std::vector<FramePart>* parts,
                                   const DrawingContext& context = {});
+  // Tells agents that wait for another call of the frame that none follows. Does not block.
+  void EndCalls(const FrameIdentity& identity, FollowingCalls* following);
   // Sets the missing shards of a frame of `parts`, if any, and the share of the surface that it
   // has.
   absl::Status AddMissingShards(const FrameIdentity& identity, const AskedFrame& asked,
@@ -152,6 +158,7 @@ class FrameRunner {
                                                     const AskedFrame& asked);
 
   CoordinatorState& state_;
+  FrameEnds frame_ends_;
   ActiveBlocksCache active_blocks_;
   AgentRoom agent_room_;
   CellBoxCache cell_boxes_;

@@ -112,7 +112,8 @@ absl::Status PictureJob::FindRanges(const FrameTarget& target) {
                      .identity = &identity,
                      .target = &target,
                      .parts = &parts_,
-                     .is_drawn_after = asked_.spec.output.is_drawn()};
+                     .is_drawn_after = asked_.spec.output.is_drawn(),
+                     .following = &following_};
   if (!wire::HasVisibleRanges(asked_.spec)) {
     return ResolveRanges(frame, &asked_);
   }

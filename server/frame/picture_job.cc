@@ -6,6 +6,7 @@
 
 #include "core/base/log.h"
 #include "core/base/monotonic_time.h"
+#include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
@@ -58,8 +59,8 @@ bool CarriesNormalPlane(const frame::FrameSpec& spec, const image::LayerStack& l
          !frame::ShowsValues(spec);
 }
 
-// Returns true if planes are drawn after a picture of this window, because its pixels don't give
-// them. With layers it may be that none is.
+// Returns true if planes are drawn after the picture of a piece in this window, because its pixels
+// don't give them. With layers it may be that none is: normals are known if no layer shows.
 bool MayNeedPlanesAfter(const frame::FrameSpec& spec, const frame::DrawnWindow& window) {
   const bool keeps_normals = window.is_picture_of(spec) && !frame::HasLayers(spec) &&
                              CarriesNormalPlane(spec, image::LayerStack());
@@ -164,17 +165,26 @@ void PictureJob::ReleaseImages() {
 
 absl::Status PictureJob::RunIf(Begins begins, Response* response,
                                absl::FunctionRef<void()> on_drawn) {
-  return ticket_->Run(asked_.spec, cost_, [&] { return TryRun(&begins, response, on_drawn); });
+  return RunWork(asked_.spec, [&] { return TryRun(&begins, response, on_drawn); });
 }
 
 absl::Status PictureJob::Run(Response* response, absl::FunctionRef<void()> on_drawn) {
-  return ticket_->Run(asked_.spec, cost_, [&]() -> absl::Status {
+  return RunWork(asked_.spec, [&]() -> absl::Status {
     const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
     ISOSCOPE_RETURN_IF_ERROR(TryRun(/*begins=*/nullptr, response, on_drawn));
     if (trace_ != nullptr) {
       AddTrace(begin, response);
     }
     return absl::OkStatus();
+  });
+}
+
+absl::Status PictureJob::RunWork(const frame::FrameSpec& spec,
+                                 absl::FunctionRef<absl::Status()> work) {
+  return ticket_->Run(spec, cost_, [&] {
+    absl::Status status = base::OrNoMemory("the frame", work);
+    runner_.EndCalls(ticket_->Identity(), &following_);
+    return status;
   });
 }
 
@@ -564,8 +574,9 @@ absl::StatusOr<FrameResult> PictureJob::Draw(const Piece& piece, const FrameTarg
   spec.viewport = window.viewport;
   spec.region = window.region;
   DrawingContext context = piece.context;
+  context.following = &following_;
   if (content == Content::kPicture) {
-    context.others_follow |= MayNeedPlanesAfter(asked_.spec, window);
+    context.others_follow |= MayNeedPlanesAfter(piece.spec, window);
     spec.effects = {};
     spec.sends_normals = picture::NeedsDeferredShading(spec);
     spec.sends_map_steps = frame::ShowsValues(spec);

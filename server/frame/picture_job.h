@@ -51,6 +51,7 @@
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/admission/band_grid.h"
 #include "server/frame/drawn_blocks.h"
+#include "server/frame/frame_ends.h"
 #include "server/frame/frame_runner.h"
 #include "server/frame/frame_ticket.h"
 #include "server/picture/band_joiner.h"
@@ -145,6 +146,8 @@ class PictureJob {
     BandJoiner* joiner = nullptr;  // gets the picture of a band; null: it is encoded
   };
 
+  // Does `work` under the ticket, then tells agents that no call follows.
+  absl::Status RunWork(const frame::FrameSpec& spec, absl::FunctionRef<absl::Status()> work);
   using Begins = absl::FunctionRef<bool(const FrameFacts& facts)>;
   // begins: null: begins at once
   absl::Status TryRun(const Begins* begins, Response* response, absl::FunctionRef<void()> on_drawn);
@@ -239,6 +242,7 @@ class PictureJob {
   std::optional<DepthGrid> depth_grid_;
   std::unique_ptr<Trace> trace_;  // null: none is asked for
   std::vector<FramePart> parts_;  // of the target, without those that were lost meanwhile
+  FollowingCalls following_;      // of the ticket's frame
   FrameCost cost_;
   std::vector<isoscope::v1::SurfaceNote> notes_;
   image::FrameImage image_;

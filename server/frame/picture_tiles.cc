@@ -74,7 +74,7 @@ absl::Status PictureJob::RunTile(std::shared_ptr<FrameTicket> ticket, int tile, 
   ticket_ = std::move(ticket);
   const frame::FrameSpec spec = SpecOfTile(tile);
   const view::Region region = tiles_->grid.At(tile);
-  return ticket_->Run(spec, cost_, [&]() -> absl::Status {
+  return RunWork(spec, [&]() -> absl::Status {
     ISOSCOPE_RETURN_IF_ERROR(ticket_->TakeMemory(spec));
     ticket_->NoteDataset(tiles_->target.dataset->dataset);
     ISOSCOPE_RETURN_IF_ERROR(PrepareTiles());
@@ -132,7 +132,7 @@ absl::Status PictureJob::RenderTile(const frame::FrameSpec& spec, const view::Re
 
 absl::Status PictureJob::FinishTiles(std::shared_ptr<FrameTicket> ticket, Response* response) {
   ticket_ = std::move(ticket);
-  return ticket_->Run(asked_.spec, cost_, [&]() -> absl::Status {
+  return RunWork(asked_.spec, [&]() -> absl::Status {
     ISOSCOPE_RETURN_IF_ERROR(ticket_->TakeMemory(asked_.spec));
     ticket_->NoteDataset(tiles_->target.dataset->dataset);
     const base::MonotonicTime encode_start = base::MonotonicNow();

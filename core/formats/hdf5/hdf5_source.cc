@@ -7,7 +7,8 @@
 //      fill values in place of a missing file.
 //   3. Three axes are chosen (hdf5_coordinates.h): in (1, 93, 64, 1, 64) the axes 1, 2 and 4 are
 //      z, y and x.
-//   4. For a dataset in chunks the cache is set to one layer of them, and the dataset opened again.
+//   4. For a dataset in chunks the cache is set to one layer of them, and the dataset opened again. So
+//      are the caches of a virtual dataset's sources (hdf5_source_caches.h).
 //
 // The cache makes rows cheap. Chunks are compressed whole, and rows are read in ascending order, so
 // a chunk of 32 x 32 x 32 samples is needed for 32 planes. A layer has all chunks of the same z. If
@@ -36,6 +37,7 @@
 #include "core/formats/hdf5/hdf5_dataset.h"
 #include "core/formats/hdf5/hdf5_links.h"
 #include "core/formats/hdf5/hdf5_series.h"
+#include "core/formats/hdf5/hdf5_source_caches.h"
 #include "core/formats/hdf5/hdf5_storage.h"
 #include "core/formats/hdf5/nexus_data.h"
 #include "core/io/mounted_file.h"
@@ -55,23 +57,65 @@ constexpr std::int64_t kConversionBytes = 4 * base::kMiB;
 // A larger chunk would not fit under a small memory limit.
 constexpr std::int64_t kMaxChunkBytes = 256 * base::kMiB;
 
+std::vector<hsize_t> CountsOf(std::size_t rank, const AxisOrder& axes,
+                              const volume::GridGeometry& geometry) {
+  std::vector<hsize_t> counts(rank, 1);
+  counts[axes.z] = static_cast<hsize_t>(geometry.sample_dims.z);
+  counts[axes.y] = static_cast<hsize_t>(geometry.sample_dims.y);
+  counts[axes.x] = static_cast<hsize_t>(geometry.sample_dims.x);
+  return counts;
+}
+
+// What the library keeps decoded.
+struct ChunkCaches {
+  std::int64_t bytes = 0;  // of the dataset's chunks; 0: it has none
+  std::optional<Hdf5SourceCaches> of_sources = std::nullopt;  // of a virtual dataset
+
+  [[nodiscard]] std::int64_t all_bytes() const {
+    return of_sources.has_value() ? of_sources->max_bytes() : bytes;
+  }
+};
+
+// Opens the dataset again, with empty caches.
+absl::Status OpenWith(const ChunkCaches& caches, NamedHdf5Dataset* named) {
+  constexpr std::size_t kSlots = 12421;         // a prime number, far more than chunks
+  constexpr std::size_t kSlotsOfSource = 1021;  // there may be many sources
+  const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+  if (caches.of_sources.has_value()) {
+    H5Pset_chunk_cache(access.get(), kSlotsOfSource,
+                       static_cast<std::size_t>(caches.of_sources->cache_bytes()),
+                       kChunkPreemption);
+  } else {
+    H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(caches.bytes),
+                       kChunkPreemption);
+  }
+  named->dataset = Hdf5Handle();
+  named->dataset =
+      Hdf5Handle(H5Dopen2(named->file.get(), named->parts.dataset.c_str(), access.get()), H5Dclose);
+  if (!named->dataset.is_valid()) {
+    return absl::DataLossError(
+        absl::StrCat(named->parts.name(), ": can't be opened again: ", LastHdf5Error()));
+  }
+  return absl::OkStatus();
+}
+
 class Hdf5Source final : public VolumeSource {
  public:
   // `start` is the box of one element that is read, but for the axes z, y and x.
   Hdf5Source(const volume::GridGeometry& geometry, Hdf5SampleType type, const std::string& name,
-             std::vector<hsize_t> start, const AxisOrder& axes, std::int64_t cache_bytes,
-             std::int64_t ahead_bytes, Hdf5Handle file, Hdf5Handle dataset)
+             std::vector<hsize_t> start, const AxisOrder& axes, ChunkCaches caches,
+             std::int64_t ahead_bytes, NamedHdf5Dataset named)
       : VolumeSource({.name = name,
                       .geometry = geometry,
                       .type = type.scalar,
-                      .memory_bytes = cache_bytes + kConversionBytes + ahead_bytes}),
+                      .memory_bytes = caches.all_bytes() + kConversionBytes + ahead_bytes}),
         type_(std::move(type)),
         start_(std::move(start)),
         axes_(axes),
-        file_(std::move(file)),
-        dataset_(std::move(dataset)),
-        read_ahead_(dataset_.get(), start_, CountsOf(start_.size(), axes, geometry), axes.z,
-                    cache_bytes) {}
+        caches_(std::move(caches)),
+        named_(std::move(named)),
+        read_ahead_(named_.dataset.get(), start_, CountsOf(start_.size(), axes, geometry), axes.z,
+                    caches_.bytes) {}
 
   absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = info().geometry.sample_dims;
@@ -86,6 +130,13 @@ class Hdf5Source final : public VolumeSource {
       if (y == 0 && rows == dims.y) {
         planes = (end_row - begin_row) / dims.y;
       }
+      if (caches_.of_sources.has_value()) {
+        const Hdf5SourceCaches::Step step = caches_.of_sources->Next(z, z + planes, y, y + rows);
+        planes = step.end_z - z;
+        if (step.must_reopen) {
+          ISOSCOPE_RETURN_IF_ERROR(OpenWith(caches_, &named_));
+        }
+      }
       ISOSCOPE_RETURN_IF_ERROR(ReadPlanes(z, planes, y, rows, out));
       out += planes * rows * row_bytes;
       begin_row += planes * rows;
@@ -94,15 +145,6 @@ class Hdf5Source final : public VolumeSource {
   }
 
  private:
-  static std::vector<hsize_t> CountsOf(std::size_t rank, const AxisOrder& axes,
-                                       const volume::GridGeometry& geometry) {
-    std::vector<hsize_t> counts(rank, 1);
-    counts[axes.z] = static_cast<hsize_t>(geometry.sample_dims.z);
-    counts[axes.y] = static_cast<hsize_t>(geometry.sample_dims.y);
-    counts[axes.x] = static_cast<hsize_t>(geometry.sample_dims.x);
-    return counts;
-  }
-
   absl::Status ReadPlanes(std::int64_t z, std::int64_t planes, std::int64_t y, std::int64_t rows,
                           char* out) {
     std::vector<hsize_t> start = start_;
@@ -115,13 +157,13 @@ class Hdf5Source final : public VolumeSource {
     read_ahead_.BeforePlanes(z, z + planes);
     // The library leaves memory as it is where nothing was written and no fill value is defined.
     std::fill_n(out, planes * rows * info().row_bytes(), '\0');
-    const Hdf5Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
+    const Hdf5Handle file_space(H5Dget_space(named_.dataset.get()), H5Sclose);
     const Hdf5Handle memory_space(
         H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr), H5Sclose);
     if (!file_space.is_valid() || !memory_space.is_valid() ||
         H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
                             nullptr) < 0 ||
-        H5Dread(dataset_.get(), type_.memory_type.get(), memory_space.get(), file_space.get(),
+        H5Dread(named_.dataset.get(), type_.memory_type.get(), memory_space.get(), file_space.get(),
                 H5P_DEFAULT, out) < 0) {
       return absl::DataLossError(
           absl::StrFormat("%s: planes %d to %d can't be read: %s: the file is damaged or cut",
@@ -133,9 +175,9 @@ class Hdf5Source final : public VolumeSource {
   const Hdf5SampleType type_;
   const std::vector<hsize_t> start_;  // by axis of the dataset
   const AxisOrder axes_;
-  const Hdf5Handle file_;
-  const Hdf5Handle dataset_;
-  Hdf5ReadAhead read_ahead_;
+  ChunkCaches caches_;
+  NamedHdf5Dataset named_;
+  Hdf5ReadAhead read_ahead_;  // of datasets in chunks, which are not opened again
 };
 
 // Bytes of chunk cache: a layer of chunks. 0 for a dataset without chunks.
@@ -203,31 +245,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
     NamedHdf5Dataset named, Hdf5SampleType type, const AxisOrder& axes, std::int64_t step,
     std::int64_t component, const volume::GridGeometry& geometry) {
   const std::string name = named.parts.name();
-  Hdf5Handle& dataset = named.dataset;
-  const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset.get());
+  const hid_t dataset = named.dataset.get();
+  const std::vector<std::int64_t> dims = Hdf5DimsOf(dataset);
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
   }
   const bool is_far = io::IsMounted(named.parts.file);
   if (is_far) {
-    ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(dataset.get(), name).status());  // other files of it
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::int64_t cache_bytes,
-      ChunkCacheBytes(dataset.get(), dims, axes, volume::SizeOf(type.scalar),
-                      is_far ? kFarChunkCacheBytes : kMaxChunkCacheBytes, name));
-  if (cache_bytes > 0) {
-    const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
-    constexpr std::size_t kSlots = 12421;  // a prime number, far more than chunks
-    H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(cache_bytes),
-                       kChunkPreemption);
-    dataset = Hdf5Handle();
-    dataset =
-        Hdf5Handle(H5Dopen2(named.file.get(), named.parts.dataset.c_str(), access.get()), H5Dclose);
-    if (!dataset.is_valid()) {
-      return absl::DataLossError(absl::StrCat(name, ": can't be opened again: ", LastHdf5Error()));
-    }
+    ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(dataset, name).status());  // other files of it
   }
   std::vector<hsize_t> start(dims.size(), 0);
   if (axes.t.has_value()) {
@@ -236,10 +262,20 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Volume(
   if (axes.c.has_value()) {
     start[*axes.c] = static_cast<hsize_t>(component);
   }
+  const std::int64_t max_bytes = is_far ? kFarChunkCacheBytes : kMaxChunkCacheBytes;
+  ChunkCaches caches;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      caches.bytes,
+      ChunkCacheBytes(dataset, dims, axes, volume::SizeOf(type.scalar), max_bytes, name));
+  caches.of_sources = Hdf5SourceCaches::Find(dataset, start, CountsOf(dims.size(), axes, geometry),
+                                             axes, max_bytes);
+  if (caches.all_bytes() > 0) {
+    ISOSCOPE_RETURN_IF_ERROR(OpenWith(caches, &named));
+  }
   const std::optional<WideType> wide = type.wide;
   std::unique_ptr<VolumeSource> source = std::make_unique<Hdf5Source>(
-      geometry, std::move(type), name, std::move(start), axes, cache_bytes,
-      is_far ? kFarAheadBytes : 0, std::move(named.file), std::move(dataset));
+      geometry, std::move(type), name, std::move(start), axes, std::move(caches),
+      is_far ? kFarAheadBytes : 0, std::move(named));
   if (wide.has_value()) {
     return MakeWideSource(std::move(source), *wide);
   }

@@ -100,6 +100,40 @@ TEST_F(BegunFramesTest, WaitsForCallsInWorkAndNotForOneThatNeverComes) {
   EXPECT_THAT(left.BeginFrame("a", 1), IsRefused());
 }
 
+// Symptom: an agent that stopped waited for a band whose client had left.
+TEST_F(BegunFramesTest, WaitsNoLongerOnceItHearsThatNoCallFollows) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(std::optional<BegunFrames::Call> call, begun_.BeginFrame("a", 1));
+  call->ExpectOthersUntil(base::MonotonicTime::InfiniteFuture());
+  call.reset();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(call, begun_.BeginFrame("a", 2));
+  call->ExpectOthersUntil(base::MonotonicTime::InfiniteFuture());
+  EXPECT_EQ(begun_.Stop(), 2);
+  std::thread coordinator([this] {
+    begun_.EndFrame("a", 1);
+    begun_.EndFrame("b", 2);  // of another request
+    begun_.EndFrame("a", 3);  // that has not begun
+  });
+  coordinator.join();
+  EXPECT_THAT(begun_.BeginFrame("a", 1), IsRefused());
+  begun_.AwaitEnd(In(absl::Milliseconds(1)));
+  EXPECT_THAT(begun_.BeginQuestion("a"), IsOk()) << "frame 2 has not ended";
+  // The word comes before the agent is done with the call, whose answer the coordinator has.
+  begun_.EndFrame("a", 2);
+  std::thread last([&call] { call.reset(); });
+  begun_.AwaitEnd(base::MonotonicTime::InfiniteFuture());
+  last.join();
+  EXPECT_THAT(begun_.BeginFrame("a", 2), IsRefused());
+}
+
+TEST_F(BegunFramesTest, ACallThatComesAllTheSameIsWaitedFor) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BegunFrames::Call first, begun_.BeginFrame("a", 1));
+  begun_.EndFrame("a", 1);
+  begun_.Stop();
+  ISOSCOPE_ASSERT_OK(begun_.BeginFrame("a", 1));
+  begun_.AwaitEnd(In(absl::Milliseconds(1)));
+  EXPECT_THAT(begun_.BeginFrame("a", 1), IsOk());
+}
+
 TEST_F(BegunFramesTest, ForgetsThoseThatEndFirstBeyondItsBound) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BegunFrames::Call in_work, begun_.BeginFrame("in work", 1));
   for (std::size_t i = 0; i < BegunFrames::kMaxEntries; ++i) {

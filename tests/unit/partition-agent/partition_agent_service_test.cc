@@ -58,6 +58,11 @@ std::string CodeOf(const grpc::Status& status) {
 class FrameCall {
  public:
   explicit FrameCall(Stub* stub) : stream_(stub->RenderFrame(&context_)) {}
+  // Of the request with this identity.
+  FrameCall(Stub* stub, const std::string& traceparent) {
+    context_.AddMetadata("traceparent", traceparent);
+    stream_ = stub->RenderFrame(&context_);
+  }
   ~FrameCall() {
     if (!is_finished_) {
       context_.TryCancel();
@@ -836,6 +841,50 @@ TEST_F(PartitionAgentServiceTest, AnAgentThatStopsLetsInNothingNew) {
   EXPECT_EQ(CodeOf(call.Finish()), "OK");
   EXPECT_TRUE(image == Expected());
   shutdown.join();
+}
+
+// Symptom: it waited for the frame's other calls after its client had left.
+TEST_F(PartitionAgentServiceTest, AFrameThatNoCallFollowsHasEndedForAnAgentThatStops) {
+  Start(dataset_.directory(), 4, 64, "127.0.0.1:0");
+  constexpr char kRequest[] = "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01";
+  const auto code_of = [&](const v1::RenderFrameRequest& message) {
+    FrameCall call(stub_.get(), kRequest);
+    EXPECT_TRUE(call.Send(message));
+    return CodeOf(call.Finish());
+  };
+  v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
+  begin.mutable_begin()->set_frame_number(17);
+  begin.mutable_begin()->set_others_follow(true);
+  EXPECT_EQ(code_of(begin), "OK");
+  while (server_->frames_in_work() > 0) {
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  v1::RenderFrameRequest end;
+  end.mutable_begin()->set_frame_number(17);
+  EXPECT_EQ(code_of(end), "OK");
+  FrameCall other(stub_.get());
+  const RaySelection selection = BeginAndReadHits(&other);
+  std::thread shutdown([&] { server_->Shutdown(absl::Minutes(2)); });
+  v1::DescribeShardsResponse described;
+  while (!described.is_draining()) {
+    grpc::ClientContext context;
+    ASSERT_EQ(CodeOf(stub_->DescribeShards(&context, {}, &described)), "OK");
+  }
+  EXPECT_EQ(code_of(begin), "UNAVAILABLE");
+  image::FrameImage image = EmptyImage();
+  v1::RenderFrameResponse last;
+  Complete(&other, selection, &image, &last);
+  EXPECT_EQ(CodeOf(other.Finish()), "OK");
+  shutdown.join();
+}
+
+TEST_F(PartitionAgentServiceTest, TheEndOfAFrameIsNoMessageOfItsStream) {
+  FrameCall call(stub_.get());
+  BeginAndReadHits(&call);
+  v1::RenderFrameRequest end;
+  end.mutable_begin()->set_frame_number(17);
+  EXPECT_TRUE(call.Send(end));
+  EXPECT_EQ(CodeOf(call.Finish()), "INVALID_ARGUMENT");
 }
 
 TEST_F(PartitionAgentServiceTest, ShutdownWithoutGraceCancelsTheFrameInWork) {
