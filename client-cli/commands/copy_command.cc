@@ -60,7 +60,7 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
   absl::StatusOr<source::CopyReport> report;
   {
     ProgressLine line(context.err, context.err_is_terminal);
-    const EndNote note(kGoesOn);
+    EndNote note(kGoesOn);
     report = source::CopyAddress(*flags.address, flags.directory.value_or("."), options,
                                  {.progress =
                                       [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
@@ -71,6 +71,9 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
                                         *context.err << base::Printable(sentence) << std::endl;
                                       }},
                                  context.interrupt->cancellation());
+    if (!report.ok() && context.interrupt->cancellation().is_cancelled()) {
+      note.Keep();  // a second signal may come before the error is printed
+    }
   }
   if (!report.ok() && context.interrupt->cancellation().is_cancelled()) {
     return absl::CancelledError(absl::StrCat("interrupted while copying; ", kGoesOn));

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_CLI_END_NOTE_H_
 #define ISOSCOPE_CORE_CLI_END_NOTE_H_
 
+#include <memory>
 #include <string>
 
 namespace isoscope::cli {
@@ -17,11 +18,15 @@ class EndNote {
   EndNote(const EndNote&) = delete;
   EndNote& operator=(const EndNote&) = delete;
 
+  // It counts until the process ends: its command has still to say so by itself.
+  void Keep() { is_kept_ = true; }
+
   // That of the process; "" if there is none.
   static std::string OfProcess();
 
  private:
-  const std::string sentence_;
+  const std::shared_ptr<const std::string> sentence_;
+  bool is_kept_ = false;
 };
 
 }  // namespace isoscope::cli

@@ -59,6 +59,15 @@ TEST(EndNoteTest, TheSecondSignalEndsWithTheNoteToo) {
   EXPECT_EXIT(twice(), ExitedWithCode(kSignals + SIGINT), "ended by SIGINT; the same command");
 }
 
+TEST(EndNoteTest, OneThatIsKeptCountsUntilTheProcessEnds) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  const auto keep = [] {
+    { EndNote("the same command goes on").Keep(); }
+    StandStillAfter(SIGINT);
+  };
+  EXPECT_EXIT(keep(), ExitedWithCode(kSignals + SIGINT), "answer; the same command goes on");
+}
+
 TEST(EndNoteTest, TheLastOneThatLivesCounts) {
   EXPECT_EQ(EndNote::OfProcess(), "");
   {
