@@ -13,6 +13,7 @@
 #include "core/base/monotonic_time.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/end_note.h"
 #include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
@@ -22,6 +23,8 @@
 
 namespace isoscope::cli {
 namespace {
+
+constexpr char kGoesOn[] = "the same command goes on where it ended";
 
 struct CopyFlags {
   bool is_quiet = false;
@@ -57,6 +60,7 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
   absl::StatusOr<source::CopyReport> report;
   {
     ProgressLine line(context.err, context.err_is_terminal);
+    EndNote note(kGoesOn);
     report = source::CopyAddress(*flags.address, flags.directory.value_or("."), options,
                                  {.progress =
                                       [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
@@ -67,10 +71,12 @@ absl::Status Run(const CopyFlags& flags, const Context& context) {
                                         *context.err << base::Printable(sentence) << std::endl;
                                       }},
                                  context.interrupt->cancellation());
+    if (!report.ok() && context.interrupt->cancellation().is_cancelled()) {
+      note.Keep();  // a second signal may come before the error is printed
+    }
   }
   if (!report.ok() && context.interrupt->cancellation().is_cancelled()) {
-    return absl::CancelledError(
-        "interrupted while copying; the same command goes on where it ended");
+    return absl::CancelledError(absl::StrCat("interrupted while copying; ", kGoesOn));
   }
   ISOSCOPE_RETURN_IF_ERROR(report.status());
   *context.out << base::Printable(report->path) << ": "

@@ -48,6 +48,7 @@ const Cancellation& InterruptOfAllThreads() {
   return installed != nullptr ? *installed : *never;
 }
 
+// On a thread with a ThreadInterrupt that one, which also fires with the interrupt of the process.
 const Cancellation& ProcessInterrupt() {
   const Cancellation* const of_thread = ThreadInterrupt::OfThread();
   return of_thread != nullptr ? *of_thread : InterruptOfAllThreads();

@@ -18,7 +18,7 @@ void AddQuietFlag(FlagSet* set, bool* is_quiet) {
 }
 
 Context QuietContext(const Context& context) {
-  static std::ostream& nowhere = *new std::ostream(nullptr);
+  thread_local std::ostream nowhere(nullptr);
   Context quiet = WithoutProgress(context);
   quiet.out = &nowhere;
   quiet.out_columns = 0;

@@ -11,11 +11,13 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
 #include "core/base/mutex.h"
 #include "core/base/process_interrupt.h"
 #include "core/base/standstill.h"
+#include "core/cli/end_note.h"
 #include "core/cli/usage.h"
 
 namespace isoscope::cli {
@@ -39,19 +41,28 @@ void SayLine(const std::string& line) {
   }
 }
 
+// Says why the process ends at once, and how to go on.
+void SayEnd(absl::string_view why, int signal) {
+  const std::string note = EndNote::OfProcess();
+  if (!why.empty() || !note.empty()) {
+    SayLine(
+        absl::StrCat("ended by SIG", sigabbrev_np(signal), why, note.empty() ? "" : "; ", note));
+  }
+}
+
 // Waits for a second signal, or until the process stands still; says so then.
 void AwaitEnd(const sigset_t& signals, int first_signal) {
   base::StandstillWatch watch(kStandstillSamples);
   const timespec interval = absl::ToTimespec(kSampleInterval);
   for (int sample = 1;; ++sample) {
-    if (sigtimedwait(&signals, nullptr, &interval) > 0) {
+    if (const int second = sigtimedwait(&signals, nullptr, &interval); second > 0) {
+      SayEnd("", second);
       return;
     }
     if (base::OrderlyEnd::IsUnderWay()) {
       watch = base::StandstillWatch(kStandstillSamples);
     } else if (watch.Sample()) {
-      SayLine(absl::StrCat("ended by SIG", sigabbrev_np(first_signal),
-                           " while it waited for a file, a disk or a pipe that does not answer"));
+      SayEnd(" while it waited for a file, a disk or a pipe that does not answer", first_signal);
       return;
     }
     if (sample == kHintSamples && isatty(STDERR_FILENO) == 1) {

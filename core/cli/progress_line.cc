@@ -39,7 +39,7 @@ std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
 }
 
 Context WithoutProgress(const Context& context) {
-  static QuietErr& err = *new QuietErr(nullptr);
+  thread_local QuietErr err(nullptr);  // commands of other threads have their own
   err.rdbuf(context.err->rdbuf());
   Context quiet = context;
   quiet.err = &err;

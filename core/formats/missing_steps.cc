@@ -36,7 +36,7 @@ std::string MissingBetween(const std::vector<std::string>& files, int least_coun
 
 // files: those that are there, one for each step
 std::string WhatIsMissing(const std::vector<std::string>& files, int least_count) {
-  const std::string missing = MissingBetween(files, least_count);
+  std::string missing = MissingBetween(files, least_count);
   if (!missing.empty()) {
     return missing;
   }

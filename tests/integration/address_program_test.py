@@ -2,7 +2,9 @@
 """Volumes and copies at an address, by the real program: a server that faults, one without ranges, one that wants
 signatures, nginx. What comes is what the disk has, and no output holds a secret.
 
-    address_program_test.py BIN_FOLDER [unittest arguments]
+    address_program_test.py BIN_FOLDER STUCK_DISK [unittest arguments]
+
+STUCK_DISK is the library of tests/support/stuck_disk.cc.
 """
 
 import base64
@@ -25,6 +27,7 @@ from fault_proxy import FaultProxy, StrangerServer  # noqa: E402
 from object_server import ObjectServer  # noqa: E402
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
+STUCK_DISK = sys.argv.pop(1) if len(sys.argv) > 1 else ''
 PATIENCE_S = 240  # far above what is needed
 DIMS = (48, 40, 36)
 CUT = ['--block-cells', '8', '--quiet']
@@ -374,6 +377,24 @@ class AddressTest(unittest.TestCase):
             self.assertEqual(core is not None, is_full)
             for secret in secrets if is_full else []:
               self.assertIn(secret.encode(), core)
+
+  # Symptom: nothing said that the copy can be resumed, if the signal came while the disk was slow.
+  def test_a_copy_whose_disk_does_not_answer_says_that_it_goes_on(self):
+    with ObjectServer(self.served, has_index=True) as server:
+      for address, begun in (('/v.nrrd', 'v.nrrd.part'), ('/run.zarr/', 'run.zarr.part')):
+        copy = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'copy', server.origin + address, self.path('copies')],
+                                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                                env={**self.environment, 'LD_PRELOAD': STUCK_DISK})
+        end = time.monotonic() + PATIENCE_S
+        while not os.path.exists(self.path('copies', begun)) and copy.poll() is None and time.monotonic() < end:
+          time.sleep(0.05)
+        copy.send_signal(signal.SIGINT)
+        errors = copy.communicate(timeout=PATIENCE_S)[1]
+        self.assertEqual(copy.returncode, 128 + signal.SIGINT, errors)
+        self.assertIn('; the same command goes on where it ended', errors)
+        self.isoscope('copy', server.origin + address, self.path('copies'), '--quiet')
+    self.assertEqual(bytes_of(self.path('copies/v.nrrd')), bytes_of(self.path('served/v.nrrd')))
+    self.assertEqual(files_below(self.path('copies', 'run.zarr')), files_below(self.path('served', 'run.zarr')))
 
   def test_a_copy_that_is_killed_goes_on(self):
     large = self.path('served/large')

@@ -1,7 +1,9 @@
 #include "core/cli/progress_line.h"
 
 #include <cstdint>
+#include <ostream>
 #include <sstream>
+#include <thread>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -38,6 +40,21 @@ TEST(ProgressLineTest, AQuietCommandHasNone) {
       err.str("");
     }
   }
+}
+
+// Two quiet commands at once wrote to one standard error, that of the later one.
+TEST(ProgressLineTest, QuietCommandsOfTwoThreadsHaveTheirOwnErrors) {
+  std::ostringstream err;
+  std::ostringstream other_err;
+  const Context quiet = QuietContext({.err = &err});
+  std::thread([&other_err, &quiet] {
+    const Context other = QuietContext({.err = &other_err});
+    *other.err << "of the other" << std::flush;
+    *quiet.err << "of this" << std::flush;
+    EXPECT_NE(other.out, quiet.out);
+  }).join();
+  EXPECT_EQ(err.str(), "of this");
+  EXPECT_EQ(other_err.str(), "of the other");
 }
 
 TEST(ProgressLineTest, ProgressTellsRateAndTimeLeft) {
