@@ -7,8 +7,9 @@
 // 4. What was found is kept under its name: an object as a mounted file, a store by its address.
 //
 // A store is read through AddressStore. It records digests of the metadata that it reads, and takes
-// an answer of 403 for a missing document, as S3 gives it, once another document was read. While an
-// AddressOpening lives, it keeps small answers there, those of missing objects, too.
+// an answer of 403 for a missing document, as S3 gives it, once another document was read. It asks
+// twice for a chunk before it takes it for missing. While an AddressOpening lives, it keeps small
+// answers there, those of missing objects, too.
 
 #include "core/formats/address_source.h"
 
@@ -153,7 +154,29 @@ class AddressStore final : public ObjectStore {
     const base::Cancellation::Callback by_caller(cancellation, [&either] { either.Cancel(); });
     const base::Cancellation::Callback by_process(base::ProcessInterrupt(),
                                                   [&either] { either.Cancel(); });
-    return objects_->Read(reads, either);
+    std::vector<absl::StatusOr<std::string>> answers = objects_->Read(reads, either);
+    AskAgain(reads, either, &answers);
+    return answers;
+  }
+  // A chunk that is not there has the fill value. A server that says so by mistake would change the
+  // picture without a word: it is believed if it says so twice.
+  void AskAgain(absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation,
+                std::vector<absl::StatusOr<std::string>>* answers) const {
+    std::vector<ObjectRead> asked;
+    std::vector<std::size_t> places;
+    for (std::size_t i = 0; i < reads.size(); ++i) {
+      if (absl::IsNotFound((*answers)[i].status()) && !IsZarrDocument(reads[i].key)) {
+        asked.push_back(reads[i]);
+        places.push_back(i);
+      }
+    }
+    if (asked.empty()) {
+      return;
+    }
+    std::vector<absl::StatusOr<std::string>> got = objects_->Read(asked, cancellation);
+    for (std::size_t i = 0; i < asked.size(); ++i) {
+      (*answers)[places[i]] = std::move(got[i]);
+    }
   }
   // Asks for what the opening has not read yet.
   std::vector<absl::StatusOr<std::string>> ReadOnce(absl::Span<const ObjectRead> reads,

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -74,13 +75,19 @@ class AddressSourceTest : public testing::FolderTest {
   void Serve(const ServedRequest& request, ServedConnection* connection) {
     const std::string path = request.target.substr(0, request.target.find('?'));
     const auto bytes = io::ReadWholeFile(dir_.Sub(path.substr(1)), 1 << 28);
-    if (!bytes.ok()) {
+    if (!bytes.ok() || LiesAbout(path)) {
       connection->Send(testing::Answer(404, "", "<html>no such thing</html>"));
     } else if (!knows_ranges_) {
       connection->Send(testing::Answer(200, "ETag: \"v1\"\r\n", *bytes));
     } else {
       testing::ServeObject({.bytes = *bytes, .etag = etag_}, request, connection);
     }
+  }
+
+  // A server that says of each chunk once that it is not there.
+  bool LiesAbout(const std::string& path) {
+    const base::MutexLock lock(&mutex_);
+    return lies_once_ && absl::StrContains(path, "/c/") && lies_.insert(path).second;
   }
 
   std::string At(const std::string& path) const {
@@ -153,6 +160,9 @@ class AddressSourceTest : public testing::FolderTest {
   std::string samples_ = testing::Noise(kDims, volume::ScalarType::kUint16);
   std::string etag_ = "\"v1\"";
   bool knows_ranges_ = true;
+  bool lies_once_ = false;
+  base::Mutex mutex_;
+  std::set<std::string> lies_ ABSL_GUARDED_BY(mutex_);
   std::size_t taken_ = 0;  // requests
   testing::ScriptedServer server_;
 };
@@ -428,6 +438,17 @@ TEST_F(AddressSourceTest, AStoreOfZarrIsAFolderWithoutAList) {
     ASSERT_THAT(remote.status(), IsOk());
     EXPECT_TRUE(*local == *remote);
   }
+}
+
+// Breaks if the first word is taken: such a chunk would have the fill value, and the picture be wrong.
+TEST_F(AddressSourceTest, AChunkIsMissingIfTheServerSaysSoTwice) {
+  testing::Objects objects = ZarrObjects();
+  ASSERT_EQ(objects.erase("a/c/1/0/1"), 1U);
+  WriteObjects("run.zarr", objects);
+  lies_once_ = true;
+  ExpectEqual("run.zarr:a");
+  const base::MutexLock lock(&mutex_);
+  EXPECT_THAT(lies_, SizeIs(3 * 2 * 3 - 1));  // all chunks that are there
 }
 
 TEST_F(AddressSourceTest, AZippedStoreIsReadByRanges) {
