@@ -84,10 +84,11 @@ class AddressSourceTest : public testing::FolderTest {
     }
   }
 
-  // A server that says of each chunk once that it is not there.
+  // A server that says once that it has not this chunk, or these attributes.
   bool LiesAbout(const std::string& path) {
     const base::MutexLock lock(&mutex_);
-    return lies_once_ && absl::StrContains(path, "/c/") && lies_.insert(path).second;
+    return lies_once_ && (absl::StrContains(path, "/c/") || absl::EndsWith(path, "/.zattrs")) &&
+           lies_.insert(path).second;
   }
 
   std::string At(const std::string& path) const {
@@ -449,6 +450,18 @@ TEST_F(AddressSourceTest, AChunkIsMissingIfTheServerSaysSoTwice) {
   ExpectEqual("run.zarr:a");
   const base::MutexLock lock(&mutex_);
   EXPECT_THAT(lies_, SizeIs(3 * 2 * 3 - 1));  // all chunks that are there
+}
+
+TEST_F(AddressSourceTest, AttributesOfZarr2AreMissingIfTheServerSaysSoTwice) {
+  dir_.Write("old.zarr/.zgroup", R"({"zarr_format": 2})");
+  dir_.Write("old.zarr/a/.zarray", R"({"zarr_format": 2, "shape": [2, 2, 2], "chunks": [2, 2, 2],
+      "dtype": "|u1", "order": "C", "fill_value": 0, "filters": null, "compressor": null})");
+  dir_.Write("old.zarr/a/.zattrs", R"({"scale_factor": 0.5, "add_offset": 3})");
+  dir_.Write("old.zarr/a/0.0.0", "abcdefgh");
+  lies_once_ = true;
+  ExpectEqual("old.zarr:a");
+  const base::MutexLock lock(&mutex_);
+  EXPECT_THAT(lies_, SizeIs(1));
 }
 
 TEST_F(AddressSourceTest, AZippedStoreIsReadByRanges) {
