@@ -15,14 +15,18 @@ import argparse
 import base64
 import collections
 import concurrent.futures
+import gzip
 import hashlib
 import hmac
 import http.client
+import itertools
+import json
 import os
 import pathlib
 import random
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -34,6 +38,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'tests' / 'support'))
 
 import fault_proxy  # noqa: E402
+from zarr_random import crc32c  # noqa: E402
 
 PATIENCE_S = 240
 USER, PASSWORD = 'reader', 'n0t-To-Be-Seen/+='
@@ -112,7 +117,7 @@ class Soak:
                       for path in (self.data / 'random.nrrd', big, odd)}
         self.datasets = {}
         zarr = make_zarr(self.data)
-        for source in [self.data / 'random.nrrd'] + ([zarr] if zarr else []) + make_hdf5(self.data):
+        for source in [self.data / 'random.nrrd', make_shards(self.data)] + ([zarr] if zarr else []) + make_hdf5(self.data):
             dataset = self.folder / f'of-{source.name}'
             self.run('partition', source, '--output', dataset)
             self.datasets[source] = digest_of(dataset)
@@ -281,6 +286,34 @@ def make_zarr(folder):
     values = numpy.random.default_rng(3).integers(0, 60000, (40, 48, 56)).astype('<u2')
     one = zarr.open(str(path), mode='w', shape=values.shape, chunks=(16, 16, 16), dtype='<u2')
     one[...] = values
+    return path
+
+
+def make_shards(folder):
+    """A store of Zarr 3 of eight shards, of which readers fetch the index, at the end, and ranges."""
+    path = folder / 'shards.zarr'
+    size, shard, chunk = 48, 24, 8
+    values = random.Random(5).randbytes(size**3)
+    codecs = [{'name': 'bytes'}, {'name': 'gzip', 'configuration': {'level': 1}}, {'name': 'crc32c'}]
+    sharding = {'chunk_shape': [chunk] * 3, 'codecs': codecs,
+                'index_codecs': [{'name': 'bytes', 'configuration': {'endian': 'little'}}, {'name': 'crc32c'}]}
+    for place in itertools.product(range(size // shard), repeat=3):
+        data, index = b'', b''
+        for inner in itertools.product(range(shard // chunk), repeat=3):
+            z, y, x = (of * shard + i * chunk for of, i in zip(place, inner))
+            rows = ((z + i) * size * size + (y + j) * size + x for i in range(chunk) for j in range(chunk))
+            encoded = gzip.compress(b''.join(values[row:row + chunk] for row in rows), 1)
+            encoded += crc32c(encoded)
+            index += struct.pack('<QQ', len(data), len(encoded))
+            data += encoded
+        file = path.joinpath('c', *map(str, place))
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data + index + crc32c(index))
+    (path / 'zarr.json').write_text(json.dumps({
+        'zarr_format': 3, 'node_type': 'array', 'shape': [size] * 3, 'data_type': 'uint8', 'fill_value': 0,
+        'chunk_grid': {'name': 'regular', 'configuration': {'chunk_shape': [shard] * 3}},
+        'chunk_key_encoding': {'name': 'default', 'configuration': {'separator': '/'}},
+        'codecs': [{'name': 'sharding_indexed', 'configuration': sharding}]}))
     return path
 
 

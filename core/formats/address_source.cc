@@ -7,8 +7,9 @@
 // 4. What was found is kept under its name: an object as a mounted file, a store by its address.
 //
 // A store is read through AddressStore. It records digests of the metadata that it reads, and takes
-// an answer of 403 for a missing document, as S3 gives it, once another document was read. While an
-// AddressOpening lives, it keeps small answers there, those of missing objects, too.
+// an answer of 403 for a missing document, as S3 gives it, once another document was read. It asks
+// twice for a chunk before it takes it for missing. While an AddressOpening lives, it keeps small
+// answers there, those of missing objects, too.
 
 #include "core/formats/address_source.h"
 
@@ -96,8 +97,18 @@ std::string DigestOf(absl::string_view query) {
 
 // ---- Stores. ------------------------------------------------------------------------------------
 
+// "a/b/.zarray": "a/b/" and ".zarray".
+struct PathParts {
+  absl::string_view folder;
+  absl::string_view name;
+};
+PathParts PartsOf(absl::string_view key) {
+  const std::size_t end = key.rfind('/') + 1;  // 0 where there is none
+  return {.folder = key.substr(0, end), .name = key.substr(end)};
+}
+
 bool IsZarrDocument(absl::string_view key) {
-  const absl::string_view name = key.substr(key.rfind('/') + 1);
+  const absl::string_view name = PartsOf(key).name;
   return name == "zarr.json" || name == ".zarray" || name == ".zgroup" || name == ".zattrs" ||
          name == ".zmetadata";
 }
@@ -153,7 +164,42 @@ class AddressStore final : public ObjectStore {
     const base::Cancellation::Callback by_caller(cancellation, [&either] { either.Cancel(); });
     const base::Cancellation::Callback by_process(base::ProcessInterrupt(),
                                                   [&either] { either.Cancel(); });
-    return objects_->Read(reads, either);
+    std::vector<absl::StatusOr<std::string>> answers = objects_->Read(reads, either);
+    AskAgain(reads, either, &answers);
+    return answers;
+  }
+  // A chunk that is not there has the fill value, an array of Zarr 2 without .zattrs no scale and no
+  // names. A server that says so by mistake would change the picture without a word: it is believed
+  // if it says so twice.
+  void AskAgain(absl::Span<const ObjectRead> reads, const base::Cancellation& cancellation,
+                std::vector<absl::StatusOr<std::string>>* answers) const {
+    std::set<std::string> nodes;  // of Zarr 2
+    for (std::size_t i = 0; i < reads.size(); ++i) {
+      const PathParts path = PartsOf(reads[i].key);
+      if ((*answers)[i].ok() && (path.name == ".zarray" || path.name == ".zgroup")) {
+        nodes.emplace(path.folder);
+      }
+    }
+    const auto may_be_missing = [&nodes](const std::string& key) {
+      const PathParts path = PartsOf(key);
+      return IsZarrDocument(key) &&
+             !(path.name == ".zattrs" && nodes.contains(std::string(path.folder)));
+    };
+    std::vector<ObjectRead> asked;
+    std::vector<std::size_t> places;
+    for (std::size_t i = 0; i < reads.size(); ++i) {
+      if (absl::IsNotFound((*answers)[i].status()) && !may_be_missing(reads[i].key)) {
+        asked.push_back(reads[i]);
+        places.push_back(i);
+      }
+    }
+    if (asked.empty()) {
+      return;
+    }
+    std::vector<absl::StatusOr<std::string>> got = objects_->Read(asked, cancellation);
+    for (std::size_t i = 0; i < asked.size(); ++i) {
+      (*answers)[places[i]] = std::move(got[i]);
+    }
   }
   // Asks for what the opening has not read yet.
   std::vector<absl::StatusOr<std::string>> ReadOnce(absl::Span<const ObjectRead> reads,

@@ -389,7 +389,8 @@ absl::StatusOr<ZarrArray> ParseZarr3Array(const ZarrJson& metadata, const std::s
   // 3. The codecs.
   const ZarrJson* const codecs = MemberOf(metadata, "codecs");
   auto specs = codecs == nullptr
-                   ? absl::InvalidArgumentError("its codecs are missing; expected a list of them")
+                   ? absl::InvalidArgumentError(
+                         "its codecs are missing, as in drafts of Zarr 3: write it again")
                    : CodecSpecsFrom(*codecs);
   if (!specs.ok()) {
     return absl::InvalidArgumentError(absl::StrCat(name, ": ", specs.status().message()));

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -48,7 +49,6 @@ using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::Each;
 using ::testing::ElementsAre;
-using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using testing::IsOk;
 using ::testing::IsSupersetOf;
@@ -74,13 +74,20 @@ class AddressSourceTest : public testing::FolderTest {
   void Serve(const ServedRequest& request, ServedConnection* connection) {
     const std::string path = request.target.substr(0, request.target.find('?'));
     const auto bytes = io::ReadWholeFile(dir_.Sub(path.substr(1)), 1 << 28);
-    if (!bytes.ok()) {
+    if (!bytes.ok() || LiesAbout(path)) {
       connection->Send(testing::Answer(404, "", "<html>no such thing</html>"));
     } else if (!knows_ranges_) {
       connection->Send(testing::Answer(200, "ETag: \"v1\"\r\n", *bytes));
     } else {
       testing::ServeObject({.bytes = *bytes, .etag = etag_}, request, connection);
     }
+  }
+
+  // A server that says once that it has not this chunk, or these attributes.
+  bool LiesAbout(const std::string& path) {
+    const base::MutexLock lock(&mutex_);
+    return lies_once_ && (absl::StrContains(path, "/c/") || absl::EndsWith(path, "/.zattrs")) &&
+           lies_.insert(path).second;
   }
 
   std::string At(const std::string& path) const {
@@ -153,6 +160,9 @@ class AddressSourceTest : public testing::FolderTest {
   std::string samples_ = testing::Noise(kDims, volume::ScalarType::kUint16);
   std::string etag_ = "\"v1\"";
   bool knows_ranges_ = true;
+  bool lies_once_ = false;
+  base::Mutex mutex_;
+  std::set<std::string> lies_ ABSL_GUARDED_BY(mutex_);
   std::size_t taken_ = 0;  // requests
   testing::ScriptedServer server_;
 };
@@ -428,6 +438,29 @@ TEST_F(AddressSourceTest, AStoreOfZarrIsAFolderWithoutAList) {
     ASSERT_THAT(remote.status(), IsOk());
     EXPECT_TRUE(*local == *remote);
   }
+}
+
+// Breaks if the first word is taken: such a chunk would have the fill value, and the picture be wrong.
+TEST_F(AddressSourceTest, AChunkIsMissingIfTheServerSaysSoTwice) {
+  testing::Objects objects = ZarrObjects();
+  ASSERT_EQ(objects.erase("a/c/1/0/1"), 1U);
+  WriteObjects("run.zarr", objects);
+  lies_once_ = true;
+  ExpectEqual("run.zarr:a");
+  const base::MutexLock lock(&mutex_);
+  EXPECT_THAT(lies_, SizeIs(3 * 2 * 3 - 1));  // all chunks that are there
+}
+
+TEST_F(AddressSourceTest, AttributesOfZarr2AreMissingIfTheServerSaysSoTwice) {
+  dir_.Write("old.zarr/.zgroup", R"({"zarr_format": 2})");
+  dir_.Write("old.zarr/a/.zarray", R"({"zarr_format": 2, "shape": [2, 2, 2], "chunks": [2, 2, 2],
+      "dtype": "|u1", "order": "C", "fill_value": 0, "filters": null, "compressor": null})");
+  dir_.Write("old.zarr/a/.zattrs", R"({"scale_factor": 0.5, "add_offset": 3})");
+  dir_.Write("old.zarr/a/0.0.0", "abcdefgh");
+  lies_once_ = true;
+  ExpectEqual("old.zarr:a");
+  const base::MutexLock lock(&mutex_);
+  EXPECT_THAT(lies_, SizeIs(1));
 }
 
 TEST_F(AddressSourceTest, AZippedStoreIsReadByRanges) {

@@ -12,7 +12,6 @@
 namespace isoscope::source {
 namespace {
 
-using ::isoscope::testing::PlainArray;
 using ::isoscope::testing::ShardFile;
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
