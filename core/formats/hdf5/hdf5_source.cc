@@ -44,6 +44,7 @@
 #include "core/source/child/far_files.h"
 #include "core/source/child/walled_source.h"
 #include "core/source/grid/axis_order.h"
+#include "core/source/hdf5/hdf5_file.h"
 #include "core/source/hdf5/hdf5_handle.h"
 #include "core/source/hdf5/hdf5_read_ahead.h"
 #include "hdf5.h"
