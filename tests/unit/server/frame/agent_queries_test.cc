@@ -18,6 +18,7 @@
 #include "core/base/status_macros.h"
 #include "core/view/camera_fit.h"
 #include "core/visibility/depth_bounds.h"
+#include "server/cluster/replica_board.h"
 #include "tests/support/enough_time.h"
 #include "tests/unit/server/fake_cluster.h"
 #include "wire/depth_bounds_convert.h"
@@ -282,7 +283,9 @@ TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
   // A replica under load may need longer. More time would be no hurry.
   constexpr int kMostAttempts = 50;
   int done_count = 0;
+  absl::Duration longest;
   for (int attempt = 0; done_count < 3 && attempt < kMostAttempts; ++attempt) {
+    const base::MonotonicTime begin = base::MonotonicNow();
     const absl::Status status = Render(request, absl::Milliseconds(400)).status();
     if (status.ok()) {
       ++done_count;
@@ -290,11 +293,15 @@ TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
     } else {
       EXPECT_THAT(status, StatusIs(absl::StatusCode::kDeadlineExceeded));
     }
+    longest = std::max(longest, base::MonotonicNow() - begin);
   }
   EXPECT_EQ(done_count, 3);
   is_slow = false;
   ISOSCOPE_ASSERT_OK(Render(request));
-  EXPECT_EQ(last.load(), slow.load()) << "it was avoided";
+  // An agent that was waited for as long as kLateAfter, while the machine stood still, is avoided.
+  if (longest < ReplicaBoard::kLateAfter) {
+    EXPECT_EQ(last.load(), slow.load()) << "it was avoided";
+  }
 }
 
 // After it, a question is also put to another agent (agent_queries.cc).
