@@ -76,7 +76,7 @@ class Prometheus:
 
     def get(self, path, **parameters):
         query = urllib.parse.urlencode(parameters)
-        with urllib.request.urlopen(f"{self.url}{path}?{query}", timeout=10) as answer:
+        with urllib.request.urlopen(f"{self.url}{path}?{query}", timeout=60) as answer:
             return json.load(answer)["data"]
 
     def value(self, expression):
@@ -146,7 +146,7 @@ def try_all(folder, programs, servers):
         subprocess.run([programs / "isoscope", "render", "--server", servers["coordinator"].address, "--isovalue", "127.5",
                         "--azimuth", str(10 * i), "--width", "64", "--height", "64", "--output", folder / "p.png"],
                        check=True, stdout=subprocess.DEVNULL)
-    with urllib.request.urlopen(f"http://{servers['gateway'].address}/healthz", timeout=10) as answer:
+    with urllib.request.urlopen(f"http://{servers['gateway'].address}/healthz", timeout=60) as answer:
         assert answer.status == 200
 
     prometheus.wait_for('sum(up{job=~"isoscope-.*"})', lambda v: v == 4)

@@ -249,13 +249,18 @@ for value in $(seq 70 30 190); do
   heavy+=(--surface "$value:0.9,0.6,0.3:0.3")
 done
 isoscope render "$work/field" --renderer cpu "${heavy[@]}" --output "$work/heavy.png" >/dev/null
+# Whether the agents are drawing a frame, or the command PID that asked for it is gone.
+draws_or_has_ended() {
+  isoscope top --server "$(cat "$ISOSCOPE_RUN/address")" --once 2>/dev/null | grep -q ' 3 visible ' ||
+    ! kill -0 "$1" 2>/dev/null
+}
 for how in "scancel" "scancel --signal=USR1 --batch"; do
   ISOSCOPE_THREADS=1 ISOSCOPE_MEMORY_LIMIT=3GiB submit drain -- "$work/field"
   check "the job serves" serves 60
   isoscope render --server "$(cat "$ISOSCOPE_RUN/address")" "${heavy[@]}" --output "$work/drained.png" \
     >/dev/null 2>"$work/drained.log" &
   render=$!
-  sleep 0.7
+  eventually 60 draws_or_has_ended "$render" || true
   kill -0 "$render" 2>/dev/null || echo "      this machine is too fast: the frame has ended before $how"
   $how "$job"
   if wait "$render"; then

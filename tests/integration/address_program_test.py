@@ -402,7 +402,7 @@ class AddressTest(unittest.TestCase):
     for number in range(60):
       with open(os.path.join(large, f'{number}.bin'), 'wb') as file:
         file.write(os.urandom(200_000))
-    with ObjectServer(self.served, has_index=True, bytes_per_second=20_000_000) as server:
+    with ObjectServer(self.served, has_index=True, bytes_per_second=100_000) as server:
       copy = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'copy', server.origin + '/large/', self.path('copies')],
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
       record = self.path('copies/large.part.record')
@@ -413,6 +413,7 @@ class AddressTest(unittest.TestCase):
           break
         time.sleep(0.01)
       copy.wait(PATIENCE_S)
+      server.bytes_per_second = None
       self.assertFalse(os.path.exists(self.path('copies/large')))
       done = self.isoscope('copy', server.origin + '/large/', self.path('copies'))
       self.assertIn('goes on after', done.stderr)

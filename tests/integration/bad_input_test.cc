@@ -645,13 +645,17 @@ class InterruptedPartitionTest : public BadInputTest {
   void Start() {
     Write("v.raw", "");
     fs::resize_file(Path("v.raw"), std::uintmax_t{1} << 28);
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(process_, testing::StartIsoscope(Arguments(), {}));
     const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
-    while (Entries().size() < 2 && base::MonotonicNow() < deadline) {
-      absl::SleepFor(absl::Milliseconds(1));
-    }
-    process_->Stop();
-    ASSERT_EQ(Entries().size(), 2U);
+    do {  // again if it was done before it could be stopped
+      process_ = nullptr;
+      fs::remove_all(Path("out"));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(process_, testing::StartIsoscope(Arguments(), {}));
+      while (Entries().size() < 2 && base::MonotonicNow() < deadline) {
+        absl::SleepFor(absl::Milliseconds(1));
+      }
+      process_->Stop();
+      ASSERT_EQ(Entries().size(), 2U);
+    } while (io::PathExists(Path("out")) && base::MonotonicNow() < deadline);
     ASSERT_FALSE(io::PathExists(Path("out"))) << "it was done before it could be stopped";
   }
   [[nodiscard]] std::vector<std::string> Arguments() const {

@@ -59,7 +59,7 @@ class ClockJumpTest : public ::testing::TestWithParam<int> {
     ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({29, 27, 25}), folder_.Sub("d"),
                                             /*shard_count=*/1, 8));
     WriteTokens({TokenEntry("all"), TokenEntry("gone"),
-                 TokenEntry("rare", R"(, "max_frames_per_second": 2)")});
+                 TokenEntry("rare", R"(, "max_frames_per_second": 0.2)")});
     for (ServerProcess& agent : agents_) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(
           agent, testing::StartAgent({testing::ShardDirectory(folder_.Sub("d"), 0, 1)}));

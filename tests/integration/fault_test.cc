@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -23,6 +24,7 @@
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
 #include "rpc/grpc_time.h"
+#include "tests/support/enough_time.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -206,18 +208,28 @@ TEST_F(HeldFrameTest, SigtermLetsAnAgentFinishTheFrameInWork) {
   EXPECT_EQ(exit_code, 0) << agent_.process->err();
 }
 
+// gRPC's own words: the client's deadline passed before the answer of the server came, which ends a
+// frame up to 200 ms before.
+constexpr char kAnswerCameLate[] = "Deadline Exceeded";
+
 TEST_F(FaultTest, AgentThatHangsIsDeadlineExceededNamingItAndFramesAreRightAfterwards) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Dataset(), kShardCount));
   cluster->agent(1).Stop();
   // The other agent must have answered by then, on a machine under load, too.
   constexpr absl::Duration kDeadline = absl::Seconds(10);
-  const base::MonotonicTime start = base::MonotonicNow();
-  EXPECT_THAT(Render(cluster->address(), SmallRequest(), kDeadline),
-              StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       AllOf(HasSubstr(cluster->agent_address(1)), HasSubstr("shard 1"),
-                             ::testing::Not(HasSubstr(cluster->agent_address(0))))));
-  // With room for a slow machine, but well below any other limit.
-  EXPECT_LT(base::MonotonicNow() - start, 10 * kDeadline);
+  testing::WithEnoughTime(kDeadline, [&](absl::Duration /*limit*/) {
+    const base::MonotonicTime start = base::MonotonicNow();
+    const absl::Status status = Render(cluster->address(), SmallRequest(), kDeadline).status();
+    // With room for a slow machine, but well below any other limit.
+    EXPECT_LT(base::MonotonicNow() - start, 10 * kDeadline);
+    if (status.message() == kAnswerCameLate) {
+      return false;
+    }
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kDeadlineExceeded,
+                                 AllOf(HasSubstr(cluster->agent_address(1)), HasSubstr("shard 1"),
+                                       ::testing::Not(HasSubstr(cluster->agent_address(0))))));
+    return true;
+  });
   cluster->agent(1).Signal(SIGCONT);
   ExpectRight(Render(cluster->address(), SmallRequest()));
 }
@@ -249,13 +261,19 @@ TEST_F(FaultTest, ServerThatIsSlowToAcceptAConnectionIsNotGivenUp) {
 TEST_F(FaultTest, TimeoutOfTheCommandLineEndsTheWait) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Dataset(), kShardCount));
   cluster->agent(1).Stop();
-  const testing::CommandResult result =
-      testing::RunIsoscope({"render", "--server", cluster->address(), "--isovalue", "128",
-                            "--output", directory_->Sub("late.png"), "--timeout", "2"});
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_THAT(result.err,
-              AllOf(HasSubstr("DEADLINE_EXCEEDED"), HasSubstr(cluster->agent_address(1))));
-  EXPECT_FALSE(io::PathExists(directory_->Sub("late.png")));
+  testing::WithEnoughTime(absl::Seconds(2), [&](absl::Duration /*limit*/) {
+    const testing::CommandResult result =
+        testing::RunIsoscope({"render", "--server", cluster->address(), "--isovalue", "128",
+                              "--output", directory_->Sub("late.png"), "--timeout", "2"});
+    EXPECT_EQ(result.exit_code, 1);
+    EXPECT_FALSE(io::PathExists(directory_->Sub("late.png")));
+    EXPECT_THAT(result.err, HasSubstr("DEADLINE_EXCEEDED"));
+    if (absl::StrContains(result.err, absl::StrCat("DEADLINE_EXCEEDED: ", kAnswerCameLate))) {
+      return false;
+    }
+    EXPECT_THAT(result.err, HasSubstr(cluster->agent_address(1)));
+    return true;
+  });
 }
 
 // Agents die and return at any moment of a stream of frames: each frame is right or says why not.

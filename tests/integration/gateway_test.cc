@@ -1186,8 +1186,13 @@ TEST(GatewayServerTest, HeadOfAMeshEndsItsExportWithTheFirstPiece) {
   EXPECT_EQ(answer.result_int(), 200U);
   EXPECT_EQ(HeaderOf(answer, "Content-Type"), "model/gltf-binary");
   fakes.endless.AwaitCancelled(1);
-  // Its place among the caller's meshes is free.
-  EXPECT_EQ(ask(kMesh).result_int(), 200U);
+  // Its place among the caller's meshes is free, soon after the coordinator has heard of the end.
+  const base::MonotonicTime deadline = base::MonotonicNow() + testing::kPatience;
+  unsigned next = ask(kMesh).result_int();
+  while (next == 429 && base::MonotonicNow() < deadline) {
+    next = ask(kMesh).result_int();
+  }
+  EXPECT_EQ(next, 200U);
 }
 
 TEST(GatewayServerTest, ACallerHasFewMeshesInWorkAndOthersTheirOwn) {
@@ -1362,7 +1367,8 @@ TEST(GatewayServerTest, FramesThatAreReplacedAreAcknowledgedOnceAndTheLastOneCom
 }
 
 TEST(GatewayServerTest, AViewerThatDoesNotReadIsDroppedAndOthersGoOn) {
-  FakeBackedGateway fakes({.write_timeout = absl::Milliseconds(300)});
+  // The one that reads keeps to it, on a machine under load, too.
+  FakeBackedGateway fakes({.write_timeout = absl::Seconds(5)});
   Viewer stalled(fakes.address);
   stalled.SendState(1, "{}", false);
   Viewer other(fakes.address);

@@ -11,13 +11,16 @@ import math
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 import unittest
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(__file__), '..', 'support'))
+from server_process import Server  # noqa: E402
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
 PATIENCE_S = 240  # far above what is needed
@@ -42,35 +45,8 @@ def read(path):
     return file.read()
 
 
-class Server:
-  """A server program, and the address that it logs."""
-
-  def __init__(self, program, *arguments):
-    self.process = subprocess.Popen([os.path.join(BIN, program), '--listen', '127.0.0.1:0', *arguments],
-                                    stderr=subprocess.PIPE, text=True)
-    self.lines = []
-    self.address = None
-    started = threading.Event()
-
-    def follow():
-      for line in self.process.stderr:
-        self.lines.append(line)
-        found = re.search(r'_started .*address=(\S+)', line)
-        if found:
-          self.address = found[1]
-          started.set()
-      started.set()
-
-    threading.Thread(target=follow, daemon=True).start()
-    started.wait(PATIENCE_S)
-
-  def stop(self):
-    if self.process.poll() is None:
-      self.process.send_signal(signal.SIGINT)
-    try:
-      self.process.wait(PATIENCE_S)
-    finally:
-      self.process.kill()
+def start_server(program, *arguments):
+  return Server(os.path.join(BIN, program), *arguments)
 
 
 class IndexOnlyTest(unittest.TestCase):
@@ -277,9 +253,9 @@ class IndexOnlyTest(unittest.TestCase):
     self.assertEqual({name: data for name, data in self.files(plain).items() if '.json' not in name},
                      {name: data for name, data in self.files(dataset).items() if '.json' not in name})
     # An agent opens each step when a frame needs it.
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
 
     def serve(step):
@@ -308,9 +284,9 @@ class IndexOnlyTest(unittest.TestCase):
     write_zarr_steps(store, steps=2)
     dataset = self.path('d')
     isoscope('partition', store, '--axes', 'TZYX', *CUT, '--output', dataset, '--index-only')
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
     done = isoscope('render', '--server', coordinator.address, '--output', self.path('no.png'), *VIEW[:2], '--quiet',
                     check=False)
@@ -330,16 +306,16 @@ class IndexOnlyTest(unittest.TestCase):
   def test_agents_read_what_is_allowed(self):
     dataset = self.partition('b', '--shards', '2', '--index-only')
     expected = self.picture(dataset)
-    refused = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
+    refused = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
     refused.stop()
     self.assertNotEqual(refused.process.returncode, 0)
     self.assertIn('--allow-source', ''.join(refused.lines))
     moved = self.path('elsewhere')
     os.rename(self.path('data'), moved)
     # Breaks if the flag takes the folder behind its value, too.
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--allow-source', self.path('data') + '=' + moved, dataset)
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--allow-source', self.path('data') + '=' + moved, dataset)
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
     output = self.path('served.png')
     isoscope('render', '--server', coordinator.address, '--output', output, *VIEW[:2], '--width', '96', '--height',
@@ -352,10 +328,10 @@ class IndexOnlyTest(unittest.TestCase):
       header = file.read(4096).index(b'\n\n') + 2
       file.seek(header)
       file.write(bytes(DIMS[0] * DIMS[1] * DIMS[2]))
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source',
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source',
                    self.path('data') + '=' + moved)
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
     done = isoscope('render', '--server', coordinator.address, '--isovalue', '129', '--culling', 'none', '--output',
                     self.path('no.png'), '--quiet', check=False)
@@ -367,9 +343,9 @@ class IndexOnlyTest(unittest.TestCase):
   def test_a_source_that_vanishes_under_an_agent(self):
     dataset = self.partition('b', '--index-only')
     expected = self.picture(dataset)
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
 
     def frame():
@@ -396,9 +372,9 @@ class IndexOnlyTest(unittest.TestCase):
     dataset = self.path('d')
     isoscope('partition', store, '--index-only', '--output', dataset, *CUT)
     expected = self.picture(dataset)
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset, '--allow-source', self.path('data'))
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
 
     def frame():
@@ -448,9 +424,9 @@ class IndexOnlyTest(unittest.TestCase):
     server.redirects = True
     self.assertEqual(self.picture(dataset), expected)
     # The variable stands for the agent's flag, too.
-    agent = Server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
+    agent = start_server('isoscope-agent', '--renderer', 'cpu', '--shard', dataset)
     self.addCleanup(agent.stop)
-    coordinator = Server('isoscope-coordinator', '--agent', agent.address)
+    coordinator = start_server('isoscope-coordinator', '--agent', agent.address)
     self.addCleanup(coordinator.stop)
     served = ['render', '--server', coordinator.address, '--isovalue', '128', '--output', self.path('q.png'), '--quiet']
     done = isoscope(*served, check=False)

@@ -27,11 +27,12 @@ KILL_AT_STEP = sys.argv.pop(1) if len(sys.argv) > 1 else ''
 PATIENCE_S = 240  # far above what is needed
 
 
-def environment(kill_at=None):
+def environment(kill_at=None, stop_at=None):
   variables = dict(os.environ)
-  if kill_at is not None:
-    variables.update(LD_PRELOAD=KILL_AT_STEP, ISOSCOPE_TEST_KILL_AT=str(kill_at),
-                     ASAN_OPTIONS=os.environ.get('ASAN_OPTIONS', '') + ':verify_asan_link_order=0')
+  for name, step in (('KILL', kill_at), ('STOP', stop_at)):
+    if step is not None:
+      variables.update({'LD_PRELOAD': KILL_AT_STEP, f'ISOSCOPE_TEST_{name}_AT': str(step),
+                        'ASAN_OPTIONS': os.environ.get('ASAN_OPTIONS', '') + ':verify_asan_link_order=0'})
   return variables
 
 
@@ -257,16 +258,13 @@ class PartsTest(unittest.TestCase):
   def hung(self, source, index, count, *cut):
     """A run of a part that stops while it writes, as on a node that hangs."""
     process = subprocess.Popen([os.path.join(BIN, 'isoscope'), 'partition', source, '--part', f'{index}/{count}',
-                                '--output', self.path('many', 'd'), '--quiet', *cut],
+                                '--output', self.path('many', 'd'), '--quiet', *cut], env=environment(stop_at='progress.json'),
                                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     self.addCleanup(process.kill)
+    self.assertEqual(os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT).si_code, os.CLD_STOPPED)
     try_of_part = f'part-{index:05}-of-{count:05}.try-'
-    end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end and process.poll() is None:
-      if any(name.startswith(try_of_part) for _, folders, _ in os.walk(self.path('many')) for name in folders):
-        process.send_signal(signal.SIGSTOP)
-        return process
-    self.fail(f'ended before it could be stopped: {process.communicate()}')
+    self.assertTrue(any(name.startswith(try_of_part) for _, folders, _ in os.walk(self.path('many')) for name in folders))
+    return process
 
   def test_a_part_whose_node_dies_or_hangs_is_run_elsewhere(self):
     volume = self.volume(dims='120,110,130')

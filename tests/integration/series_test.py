@@ -15,21 +15,18 @@ import os
 import pathlib
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 import unittest
-import urllib.error
 import urllib.request
 
 sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(__file__), '..', 'support'))
 from flow_formulas import fluid  # noqa: E402
-
-sys.dont_write_bytecode = True
-from flow_formulas import fluid  # noqa: E402
+from server_process import Server  # noqa: E402
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
 KILL_AT_STEP = sys.argv.pop(1) if len(sys.argv) > 1 else ''
@@ -82,12 +79,6 @@ def picture(folder, *arguments):
       return file.read()
 
 
-def free_port():
-  with socket.socket() as listener:
-    listener.bind(('127.0.0.1', 0))
-    return listener.getsockname()[1]
-
-
 def is_ready(coordinator, agent_count):
   """Whether all agents answer the coordinator, and their shards make whole datasets."""
   done = isoscope('info', '--server', coordinator, '--json', check=False)
@@ -101,50 +92,36 @@ def is_ready(coordinator, agent_count):
 @contextlib.contextmanager
 def cluster(*agent_directories):
   """The address of a coordinator, with an agent for each list of directories."""
-  processes = []
-  try:
-    agents = []
-    for directories in agent_directories:
-      address = f'127.0.0.1:{free_port()}'
-      agents += ['--agent', address]
-      processes.append(subprocess.Popen([os.path.join(BIN, 'isoscope-agent'), '--renderer', 'cpu', '--listen', address,
-                                         *directories], stderr=subprocess.DEVNULL))
-    coordinator = f'127.0.0.1:{free_port()}'
-    processes.append(subprocess.Popen([os.path.join(BIN, 'isoscope-coordinator'), '--listen', coordinator,
-                                       '--poll-seconds', '0.2', *agents], stderr=subprocess.DEVNULL))
+  with contextlib.ExitStack() as servers:
+    def start(program, *arguments):
+      server = Server(os.path.join(BIN, program), *arguments)
+      servers.callback(server.kill)
+      if server.address is None:
+        raise AssertionError(f'{program} does not start: {"".join(server.lines)}')
+      return server.address
+
+    agents = [start('isoscope-agent', '--renderer', 'cpu', *directories) for directories in agent_directories]
+    coordinator = start('isoscope-coordinator', '--poll-seconds', '0.2',
+                        *itertools.chain(*(['--agent', address] for address in agents)))
     end = time.monotonic() + PATIENCE_S
     while not is_ready(coordinator, len(agent_directories)):
       if time.monotonic() > end:
         raise AssertionError('the cluster does not come up')
       time.sleep(0.1)
     yield coordinator
-  finally:
-    for process in processes:
-      process.kill()
-    for process in processes:
-      process.wait()
 
 
 def etags(coordinator, targets):
   """The ETags that a gateway gives pictures, without the quotation marks; and whether each is immutable."""
-  address = f'127.0.0.1:{free_port()}'
-  process = subprocess.Popen([os.path.join(BIN, 'isoscope-gateway'), '--listen', address, '--server', coordinator,
-                              '--no-token'], stderr=subprocess.DEVNULL)
+  gateway = Server(os.path.join(BIN, 'isoscope-gateway'), '--server', coordinator, '--no-token')
   try:
-    end = time.monotonic() + PATIENCE_S
     found = []
-    while len(found) < len(targets):
-      try:
-        with urllib.request.urlopen(f'http://{address}{targets[len(found)]}', timeout=PATIENCE_S) as answer:
-          found.append((answer.headers['ETag'], 'immutable' in answer.headers['Cache-Control']))
-      except urllib.error.URLError:
-        if time.monotonic() > end:
-          raise
-        time.sleep(0.1)
+    for target in targets:
+      with urllib.request.urlopen(f'http://{gateway.address}{target}', timeout=PATIENCE_S) as answer:
+        found.append((answer.headers['ETag'], 'immutable' in answer.headers['Cache-Control']))
     return found
   finally:
-    process.kill()
-    process.wait()
+    gateway.kill()
 
 
 class SeriesTest(unittest.TestCase):

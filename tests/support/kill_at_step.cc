@@ -2,6 +2,7 @@
 // folder, renames or removes. ISOSCOPE_TEST_KILL_AT is the number of the step, from 1, or the end
 // of the path that it makes or removes. So a test tries every state that a program may leave on the
 // disk. Writing into a file is no step: it is flushed before a rename gives it its name.
+// ISOSCOPE_TEST_STOP_AT is the end of a path, too: before the first such step it stops by SIGSTOP.
 
 #include <dlfcn.h>
 #include <unistd.h>
@@ -18,8 +19,14 @@
 namespace {
 
 std::atomic<long> steps{0};
+std::atomic<bool> was_stopped{false};
 
 void CountStep(std::string_view path) {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets variables
+  const char* const stop = std::getenv("ISOSCOPE_TEST_STOP_AT");
+  if (stop != nullptr && path.ends_with(stop) && !was_stopped.exchange(true)) {
+    kill(getpid(), SIGSTOP);
+  }
   // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets variables
   const char* const text = std::getenv("ISOSCOPE_TEST_KILL_AT");
   if (text == nullptr) {

@@ -546,9 +546,11 @@ def test_a_cancelled_task_ends_its_call(client):
     async def cancel():
         async with isoscope.aio.connect(client.address, token_file=client.token_file) as through:
             shells = await through.dataset("shells")
-            task = asyncio.create_task(shells.render(127.5, size=3000, samples=4))
-            await asyncio.sleep(0.05)
-            task.cancel()
+            for _ in range(10):
+                task = asyncio.create_task(shells.render(127.5, size=3000, samples=4))
+                await asyncio.sleep(0.05)
+                if task.cancel():  # else a busy machine has drawn it before
+                    break
             with pytest.raises(asyncio.CancelledError):
                 await task
             assert (await shells.render(127.5, size=16)).width == 16
@@ -661,7 +663,7 @@ def secure_server(programs, folder, tmp_path_factory):
 
 def test_the_service_itself_takes_tokens_and_certificates_over_tls(secure_server, dataset):
     address, tls = secure_server
-    ca = {"ca_file": tls / "ca.pem", "connect_timeout": 5}
+    ca = {"ca_file": tls / "ca.pem"}
     expected = dataset.render(127.5, size=40).png
     with isoscope.connect(address, token=(tls / "token").read_text(), **ca) as through:
         assert through["shells"].render(127.5, size=40).png == expected

@@ -36,7 +36,7 @@ def check_endpoint(command, cwd, port, dataset, environment=None):
         command, cwd=cwd, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     try:
-        for _ in range(200):
+        for _ in range(1200):
             try:
                 socket.create_connection(("127.0.0.1", port), 1).close()
                 break
@@ -54,7 +54,7 @@ def check_endpoint(command, cwd, port, dataset, environment=None):
         assert status == 200 and body == dataset.render(127.5, view="front", size=(1400, 1200)).png
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(120)
         process.stderr.close()
 
 

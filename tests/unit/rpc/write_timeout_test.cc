@@ -5,12 +5,16 @@
 #include <utility>
 
 #include "absl/synchronization/notification.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/monotonic_time.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
+#include "tests/support/enough_time.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::rpc {
@@ -23,12 +27,13 @@ using testing::StatusIs;
 // Never answers by itself; ends when it is cancelled.
 class Reactor final : public grpc::ServerUnaryReactor {
  public:
-  explicit Reactor(grpc::CallbackServerContext* context) : timeout(context) {}
+  explicit Reactor(grpc::CallbackServerContext* call) : context(call), timeout(call) {}
   void OnCancel() override { Finish(grpc::Status(grpc::StatusCode::CANCELLED, "cancelled")); }
   void OnDone() override {
     timeout.Stop();
     done.Notify();
   }
+  grpc::CallbackServerContext* const context;
   WriteTimeout timeout;
   absl::Notification done;
 };
@@ -61,6 +66,29 @@ class WriteTimeoutTest : public ::testing::Test {
     service_.reactor->done.WaitForNotification();
     return status;
   }
+  // Expects that a write's limit has no effect once `forget` was called before it passed.
+  void ExpectForgotten(absl::Duration limit, const std::function<void(WriteTimeout*)>& forget) {
+    testing::WithEnoughTime(limit, [&](absl::Duration write_limit) {
+      bool is_in_time = false;
+      const absl::Status status = Call([&](Reactor* reactor) {
+        reactor->timeout.Start(absl::Hours(1));
+        const base::MonotonicTime begin = base::MonotonicNow();
+        reactor->timeout.Start(write_limit);
+        forget(&reactor->timeout);
+        is_in_time = base::MonotonicNow() - begin < write_limit;
+        if (!is_in_time) {
+          reactor->context->TryCancel();  // which the alarm may have done
+          return;
+        }
+        absl::SleepFor(3 * write_limit);
+        reactor->Finish(grpc::Status::OK);
+      });
+      if (is_in_time) {
+        EXPECT_THAT(status, IsOk());
+      }
+      return is_in_time;
+    });
+  }
   Service service_;
 };
 
@@ -70,13 +98,8 @@ TEST_F(WriteTimeoutTest, ACallThatIsNotTakenIsCancelled) {
 }
 
 TEST_F(WriteTimeoutTest, TheLastWriteCounts) {
-  EXPECT_THAT(Call([](Reactor* reactor) {
-                reactor->timeout.Start(absl::Milliseconds(1));
-                reactor->timeout.Start(absl::Hours(1));
-                absl::SleepFor(absl::Milliseconds(100));
-                reactor->Finish(grpc::Status::OK);
-              }),
-              IsOk());
+  ExpectForgotten(absl::Milliseconds(20),
+                  [](WriteTimeout* timeout) { timeout->Start(absl::Hours(1)); });
 }
 
 TEST_F(WriteTimeoutTest, NothingHappensAfterTheEnd) {
@@ -102,15 +125,7 @@ TEST_F(WriteTimeoutTest, AnAlarmMayRingWhileItIsReplacedOrPaused) {
 }
 
 TEST_F(WriteTimeoutTest, NoTimeRunsBetweenAWriteThatIsTakenAndTheNextOne) {
-  EXPECT_THAT(Call([](Reactor* reactor) {
-                // Paused at once: the alarm may ring meanwhile, but has no effect once this holds.
-                reactor->timeout.Start(absl::Hours(1));
-                reactor->timeout.Start(absl::Milliseconds(50));
-                reactor->timeout.Pause();
-                absl::SleepFor(absl::Milliseconds(200));
-                reactor->Finish(grpc::Status::OK);
-              }),
-              IsOk());
+  ExpectForgotten(absl::Milliseconds(50), [](WriteTimeout* timeout) { timeout->Pause(); });
 }
 
 }  // namespace

@@ -39,7 +39,7 @@
 namespace isoscope::testing {
 
 // A guard against a hang; nothing is measured by it.
-inline constexpr absl::Duration kLimit = absl::Seconds(20);
+inline constexpr absl::Duration kLimit = absl::Seconds(60);
 
 inline bool WaitFor(const std::function<bool()>& condition) {
   const base::MonotonicTime end = base::MonotonicNow() + kLimit;

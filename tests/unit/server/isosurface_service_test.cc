@@ -10,6 +10,7 @@
 
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
+#include "absl/time/time.h"
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
@@ -20,6 +21,7 @@
 #include "rpc/signs_of_life.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/isosurface_service_impl.h"
+#include "tests/support/enough_time.h"
 #include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {
@@ -435,7 +437,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatHangsEndsTheFrameAtTheServersLimitNamin
   second_.on_frame = [&](grpc::ServerContext* context, FakeAgent::FrameStream*) {
     return HangUntilCancelled(context, &cancelled_count);
   };
-  options_.max_frame_duration = absl::Milliseconds(300);
+  options_.max_frame_duration = absl::Seconds(3);  // the agent is asked within it
   Start();
   EXPECT_THAT(Render(FrameRequest()),
               StatusIs(absl::StatusCode::kDeadlineExceeded, HasSubstr(second_.address())));
@@ -487,9 +489,16 @@ TEST_F(IsosurfaceServiceTest, AQueuedFrameHearsOfItsDeadlineWhileTheThreadsAreBu
   Start();
   std::thread client([&] { EXPECT_THAT(Render(FrameRequest()), IsOk()); });
   EXPECT_TRUE(held.AwaitOne());
-  EXPECT_THAT(Render(FrameRequest(), absl::Seconds(2)),
-              StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       AllOf(HasSubstr("for its turn"), HasSubstr("1 frames are in work"))));
+  testing::WithEnoughTime(absl::Seconds(2), [this](absl::Duration time) {
+    const absl::Status status = Render(FrameRequest(), time).status();
+    if (status.message() == "Deadline Exceeded") {  // gRPC's own: the server's answer was late
+      return false;
+    }
+    EXPECT_THAT(status,
+                StatusIs(absl::StatusCode::kDeadlineExceeded,
+                         AllOf(HasSubstr("for its turn"), HasSubstr("1 frames are in work"))));
+    return true;
+  });
   held.Release();
   client.join();
 }
@@ -569,6 +578,9 @@ TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) 
   EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_unsent_bytes") == 0; }));
 }
 
+// What agents that are well send comes sooner, on a machine under load, too.
+constexpr absl::Duration kSilence = absl::Seconds(5);
+
 // Two agents serve the only shard. The first one sends two blocks of five, then ends so.
 struct TakeoverCase {
   const char* name;
@@ -592,7 +604,9 @@ TEST_P(TakeoverTest, AnExportGoesOnBehindTheLastBlockWhenAReplicaTakesOver) {
                                   : grpc::Status(grpc::StatusCode::UNAVAILABLE, "killed");
     };
   }
-  options_.max_agent_silence = absl::Seconds(1);
+  if (GetParam().is_silent) {
+    options_.max_agent_silence = kSilence;
+  }
   Start();
   Export mesh(frames_.get());
   EXPECT_THAT(mesh.Finish(), IsOk());
@@ -614,11 +628,11 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent
   second_.on_surface = [&](grpc::ServerContext* context, FakeAgent::SurfaceWriter*) {
     return HangUntilCancelled(context, &cancelled_count);
   };
-  options_.max_agent_silence = absl::Seconds(1);
+  options_.max_agent_silence = kSilence;
   Start();
   EXPECT_THAT(Export(frames_.get()).Finish(),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       AllOf(HasSubstr(second_.address()), HasSubstr("sent nothing for 1s"),
+                       AllOf(HasSubstr(second_.address()), HasSubstr("sent nothing for 5s"),
                              Not(HasSubstr(first_.address())))));
   second_.Stop();
   EXPECT_EQ(cancelled_count, 1);
@@ -627,7 +641,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent
 // Symptom: measures that took minutes ended as a silent agent or a silent server. The agent works
 // longer than both limits, and tells that it does.
 TEST_F(IsosurfaceServiceTest, SignsOfLifeKeepAQuietExportThroughEveryLimit) {
-  constexpr int kSigns = 30;
+  constexpr int kSigns = 60;
   const auto works_for_long = [](const internal::ExtractSurfaceResponse& last) {
     return [last](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
       for (int i = 0; i < kSigns; ++i) {
@@ -639,7 +653,7 @@ TEST_F(IsosurfaceServiceTest, SignsOfLifeKeepAQuietExportThroughEveryLimit) {
     };
   };
   first_.on_surface = works_for_long(Triangles());
-  options_.max_agent_silence = absl::Seconds(1);
+  options_.max_agent_silence = kSilence;
   options_.sign_of_life_interval = absl::Milliseconds(100);
   Start();
   isoscope::v1::ExportIsosurfaceRequest request = testing::ExportRequest();

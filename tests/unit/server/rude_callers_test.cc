@@ -17,6 +17,7 @@
 #include "core/base/retry_delay.h"
 #include "isoscope/v1/trace.pb.h"
 #include "rpc/grpc_time.h"
+#include "tests/support/enough_time.h"
 #include "tests/unit/server/fake_cluster.h"
 
 namespace isoscope::server {
@@ -92,7 +93,8 @@ class Stream {
     return stream_->Write(request);
   }
   bool Read(v1::InteractResponse* response) { return stream_->Read(response); }
-  // Sends this state every `pause` for a second, and counts the answers of one kind meanwhile.
+  // Sends this state every `pause`, for a second and until there is an answer of that kind. Counts
+  // those that come meanwhile.
   int CountFor(const v1::RenderIsosurfaceRequest& frame, absl::Duration pause,
                bool (v1::InteractResponse::*is_counted)() const) {
     std::atomic<int> count{0};
@@ -102,8 +104,11 @@ class Stream {
         count += (response.*is_counted)() ? 1 : 0;
       }
     });
-    const base::MonotonicTime end = base::MonotonicNow() + absl::Seconds(1);
-    while (base::MonotonicNow() < end && Send(frame)) {
+    const base::MonotonicTime begin = base::MonotonicNow();
+    const auto goes_on = [&](absl::Duration time) {
+      return time < absl::Seconds(1) || (count == 0 && time < kLimit);
+    };
+    while (goes_on(base::MonotonicNow() - begin) && Send(frame)) {
       absl::SleepFor(pause);
     }
     Cancel();
@@ -142,7 +147,8 @@ TEST_F(RudeCallersTest, ASlowReaderOfAnExportDoesNotStopFrames) {
   ASSERT_TRUE(slow.Read());
   absl::SleepFor(absl::Milliseconds(200));  // until all that may wait for it does
   for (int i = 0; i < 3; ++i) {
-    EXPECT_THAT(Render(FrameRequest(1024, 1024), absl::Seconds(10)), IsOk()) << i;
+    // Before the export ends for its reader's slowness (ExportLimits).
+    EXPECT_THAT(Render(FrameRequest(1024, 1024), absl::Seconds(30)), IsOk()) << i;
   }
   EXPECT_TRUE(slow.Read()) << "the export goes on";
 }
@@ -291,19 +297,17 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
   constexpr int kRude = 20;
   // An agent may still be asked when its client has the other one's error, and the test has ended.
   struct Script {
-    absl::Notification release;
     absl::Mutex mutex;
+    bool is_released ABSL_GUARDED_BY(mutex) = false;
     std::vector<int> asked ABSL_GUARDED_BY(mutex);
   };
   const auto script = std::make_shared<Script>();
   first_.on_histogram = [script](grpc::ServerContext*,
                                  const internal::GetShardHistogramRequest& request,
                                  internal::GetShardHistogramResponse*) {
-    {
-      const absl::MutexLock lock(&script->mutex);
-      script->asked.push_back(request.max_bin_count());
-    }
-    script->release.WaitForNotification();
+    const absl::MutexLock lock(&script->mutex);
+    script->asked.push_back(request.max_bin_count());
+    script->mutex.Await(absl::Condition(&script->is_released));
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "a script");
   };
   second_.on_histogram = first_.on_histogram;
@@ -315,29 +319,41 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
     request.set_max_bin_count(bins);
     return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, request, token).status();
   };
-  std::vector<std::thread> clients;
-  for (int i = 0; i < kRude; ++i) {
-    clients.emplace_back([&] { ask("rude", 100).IgnoreError(); });
-  }
-  EXPECT_TRUE(WaitFor([&] {
+  // Nobody tells who waits in the coordinator. So the callers have more time at each attempt to come
+  // there; with one queue for all, no time is enough.
+  testing::WithEnoughTime(absl::Milliseconds(200), [&](absl::Duration time) {
+    {
+      const absl::MutexLock lock(&script->mutex);
+      script->is_released = false;
+      script->asked.clear();
+    }
+    std::vector<std::thread> clients;
+    for (int i = 0; i < kRude; ++i) {
+      clients.emplace_back([&] { ask("rude", 100).IgnoreError(); });
+    }
+    EXPECT_TRUE(WaitFor([&] {
+      const absl::MutexLock lock(&script->mutex);
+      return !script->asked.empty();
+    }));
+    absl::SleepFor(time);  // until the others wait
+    clients.emplace_back([&] { ask("other", kOfTheOther).IgnoreError(); });
+    absl::SleepFor(time);
+    {
+      const absl::MutexLock lock(&script->mutex);
+      script->is_released = true;
+    }
+    for (std::thread& client : clients) {
+      client.join();
+    }
     const absl::MutexLock lock(&script->mutex);
-    return !script->asked.empty();
-  }));
-  absl::SleepFor(absl::Milliseconds(200));  // until the others wait
-  clients.emplace_back([&] { ask("other", kOfTheOther).IgnoreError(); });
-  absl::SleepFor(absl::Milliseconds(200));
-  script->release.Notify();
-  for (std::thread& client : clients) {
-    client.join();
-  }
-  const absl::MutexLock lock(&script->mutex);
-  const std::vector<int>& asked = script->asked;
-  const auto first = std::find(asked.begin(), asked.end(), kOfTheOther);
-  ASSERT_NE(first, asked.end());
-  const std::ptrdiff_t before = first - asked.begin();
-  RecordProperty("agents_asked_before", static_cast<int>(before));
-  // Two agents, two histograms in work, and one turn of the rude caller.
-  EXPECT_LE(before, 8) << "of " << asked.size();
+    const std::vector<int>& asked = script->asked;
+    const auto first = std::find(asked.begin(), asked.end(), kOfTheOther);
+    EXPECT_NE(first, asked.end());
+    const std::ptrdiff_t before = first - asked.begin();
+    RecordProperty("agents_asked_before", static_cast<int>(before));
+    // Two agents, two histograms in work, and one turn of the rude caller.
+    return before <= 8;
+  });
 }
 
 // Symptom: queries for the values of labels, which read all samples, took the places of histograms.
@@ -397,11 +413,13 @@ TEST_F(RudeCallersTest, WrongStatesGetFewErrors) {
 TEST_F(RudeCallersTest, ExactFramesWaitForTheClientToShowThem) {
   Start();
   Stream rude(channel_, "");
+  const base::MonotonicTime begin = base::MonotonicNow();
   const int frames =
       rude.CountFor(FrameRequest(), absl::Milliseconds(5), &v1::InteractResponse::is_exact);
+  const double seconds = absl::ToDoubleSeconds(base::MonotonicNow() - begin);
   RecordProperty("exact_frames", frames);
   EXPECT_GE(frames, 1);
-  EXPECT_LE(frames, 10) << "in a second or so, none of them shown";
+  EXPECT_LE(frames, 2 * seconds + 8) << "none of them shown";
 }
 
 // Symptom: wrong states cost neither a place nor a frame of the rate.
@@ -477,7 +495,7 @@ TEST_F(RudeCallersTest, AnExportWhoseClientIsTooSlowEndsAndSaysWhy) {
 }
 
 TEST_F(RudeCallersTest, AnExportHasALimitOfTime) {
-  options_.export_limits.max_duration = absl::Milliseconds(300);
+  options_.export_limits.max_duration = absl::Seconds(3);  // the agent is asked within it
   std::atomic<int> cancelled_count{0};
   first_.on_surface = [&](grpc::ServerContext* context, FakeAgent::SurfaceWriter*) {
     return testing::HangUntilCancelled(context, &cancelled_count);
@@ -485,7 +503,7 @@ TEST_F(RudeCallersTest, AnExportHasALimitOfTime) {
   Start();
   EXPECT_THAT(ExportAs("").Finish(),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       AllOf(HasSubstr("it took 300ms"), HasSubstr("--max-export-seconds"))));
+                       AllOf(HasSubstr("it took 3s"), HasSubstr("--max-export-seconds"))));
   EXPECT_EQ(Metric("isoscope_cut_calls_total", "too_long"), 1);
   first_.Stop();
   EXPECT_EQ(cancelled_count, 1);

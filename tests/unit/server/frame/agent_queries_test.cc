@@ -2,19 +2,24 @@
 
 #include "server/frame/agent_queries.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <functional>
 #include <string>
 #include <vector>
 
+#include "absl/time/time.h"
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
+#include "core/base/monotonic_time.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/view/camera_fit.h"
 #include "core/visibility/depth_bounds.h"
+#include "server/cluster/replica_board.h"
+#include "tests/support/enough_time.h"
 #include "tests/unit/server/fake_cluster.h"
 #include "wire/depth_bounds_convert.h"
 #include "wire/first_look.h"
@@ -246,8 +251,12 @@ TEST_F(ReplicaQueriesTest, WhereAllHangTheErrorIsTheDeadlines) {
     };
   }
   Start();
-  EXPECT_THAT(Ask(absl::Milliseconds(800)), StatusIs(absl::StatusCode::kDeadlineExceeded));
-  EXPECT_EQ(asked_count_, 2);
+  testing::WithEnoughTime(absl::Milliseconds(800), [this](absl::Duration time) {
+    asked_count_ = 0;
+    EXPECT_THAT(Ask(time), StatusIs(absl::StatusCode::kDeadlineExceeded));
+    EXPECT_LE(asked_count_, 2);
+    return asked_count_ == 2;
+  });
 }
 
 // The frames of one client, whose time is short, are done by the replica. Others still come to the
@@ -271,14 +280,32 @@ TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
   ISOSCOPE_ASSERT_OK(Render(request));
   slow = last.load();
   is_slow = true;
-  for (int i = 0; i < 3; ++i) {
-    ISOSCOPE_EXPECT_OK(Render(request, absl::Milliseconds(400)));
-    EXPECT_NE(last.load(), slow.load()) << "the replica did it";
+  // A replica under load may need longer. More time would be no hurry.
+  constexpr int kMostAttempts = 50;
+  int done_count = 0;
+  absl::Duration longest;
+  for (int attempt = 0; done_count < 3 && attempt < kMostAttempts; ++attempt) {
+    const base::MonotonicTime begin = base::MonotonicNow();
+    const absl::Status status = Render(request, absl::Milliseconds(400)).status();
+    if (status.ok()) {
+      ++done_count;
+      EXPECT_NE(last.load(), slow.load()) << "the replica did it";
+    } else {
+      EXPECT_THAT(status, StatusIs(absl::StatusCode::kDeadlineExceeded));
+    }
+    longest = std::max(longest, base::MonotonicNow() - begin);
   }
+  EXPECT_EQ(done_count, 3);
   is_slow = false;
   ISOSCOPE_ASSERT_OK(Render(request));
-  EXPECT_EQ(last.load(), slow.load()) << "it was avoided";
+  // An agent that was waited for as long as kLateAfter, while the machine stood still, is avoided.
+  if (longest < ReplicaBoard::kLateAfter) {
+    EXPECT_EQ(last.load(), slow.load()) << "it was avoided";
+  }
 }
+
+// After it, a question is also put to another agent (agent_queries.cc).
+constexpr absl::Duration kHedgeDelay = absl::Milliseconds(500);
 
 // All agents know all ranges.
 TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails) {
@@ -293,11 +320,22 @@ TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails
     };
   }
   Start();
-  for (int i = 0; i < 6; ++i) {
-    ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
-  }
-  EXPECT_EQ(counts[0], 3);
-  EXPECT_EQ(counts[1], 3);
+  testing::WithEnoughTime(kHedgeDelay, [&](absl::Duration /*limit*/) {
+    counts[0] = 0;
+    counts[1] = 0;
+    absl::Duration longest;
+    for (int i = 0; i < 6; ++i) {
+      const base::MonotonicTime begin = base::MonotonicNow();
+      ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
+      longest = std::max(longest, base::MonotonicNow() - begin);
+    }
+    if (longest >= kHedgeDelay) {  // then the other agent is asked, too
+      return false;
+    }
+    EXPECT_EQ(counts[0], 3);
+    EXPECT_EQ(counts[1], 3);
+    return true;
+  });
   fails = true;
   for (int i = 0; i < 2; ++i) {
     ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));

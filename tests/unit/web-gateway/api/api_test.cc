@@ -131,6 +131,9 @@ class Surfaces final : public v1::IsosurfaceService::Service {
     }
     if (picture_count >= refused_picture && refusal_count > 0) {
       --refusal_count;
+      if (!was_refused.HasBeenNotified()) {
+        was_refused.Notify();
+      }
       return rpc::ToGrpcStatus(refusal);
     }
     v1::RenderIsosurfaceStreamResponse message;
@@ -150,6 +153,7 @@ class Surfaces final : public v1::IsosurfaceService::Service {
   std::vector<v1::RenderIsosurfaceRequest> requests;  // in order
   int endless_picture = 0;                            // the one that ends by cancellation alone
   absl::Notification is_endless;
+  absl::Notification was_refused;
   int refused_picture = 0;  // the first one of those that are refused
   int refusal_count = 0;
   absl::Status refusal;
@@ -492,6 +496,7 @@ TEST_F(FilmTest, AClientThatLeavesEndsTheWaitForAFrameAndTheFile) {
     response = std::move(answer);
     answered.Notify();
   });
+  surfaces_.was_refused.WaitForNotification();
   EXPECT_FALSE(answered.WaitForNotificationWithTimeout(absl::Milliseconds(200)));
   scope->Cancel();
   answered.WaitForNotification();
