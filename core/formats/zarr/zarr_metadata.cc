@@ -390,7 +390,7 @@ absl::StatusOr<ZarrArray> ParseZarr3Array(const ZarrJson& metadata, const std::s
   const ZarrJson* const codecs = MemberOf(metadata, "codecs");
   auto specs = codecs == nullptr
                    ? absl::InvalidArgumentError(
-                         "its codecs are missing, as in drafts of Zarr 3: write it again")
+                         "its codecs are missing: it is a draft of Zarr 3; write it again")
                    : CodecSpecsFrom(*codecs);
   if (!specs.ok()) {
     return absl::InvalidArgumentError(absl::StrCat(name, ": ", specs.status().message()));
