@@ -101,6 +101,7 @@ class Cluster {
       const std::shared_ptr<const Script> now = script();
       return now->is_good ? testing::PlayEmptyFrame(stream) : PlayFrame(*now, stream);
     };
+    agent_.on_frame_end = agent_.on_frame;
     agent_.on_surface = [this](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
       const std::shared_ptr<const Script> now = script();
       for (const std::string& bytes : now->messages) {

@@ -126,7 +126,7 @@ class ColorRangesTest : public testing::TwoAgentsTest {
 // picture did not show.
 TEST_F(ColorRangesTest, ARangeOfWhatIsVisibleIsThatOfThePartsInThePicture) {
   most_pixels_ = 5000;
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = Request(v1::ColorRange::SOURCE_VISIBLE);
   request.set_allow_partial(true);
   // Bands that were drawn before others were refused are drawn again: only the first frame has those.
@@ -161,7 +161,7 @@ TEST_F(ColorRangesTest, ARangeOfWhatIsVisibleIsThatOfThePartsInThePicture) {
 // Symptom: the bands for what is visible were those of 16 samples, though one is drawn.
 TEST_F(ColorRangesTest, WhatIsVisibleIsFoundInBandsOfOneSample) {
   most_pixels_ = 2 * kWidth * kHeight;
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = Request(v1::ColorRange::SOURCE_VISIBLE);
   request.set_samples(16);
   for (int i = 0; i < 2; ++i) {  // the second one knows what agents have room for
@@ -178,7 +178,7 @@ TEST_F(ColorRangesTest, WhatIsVisibleIsFoundInBandsOfOneSample) {
 
 // Symptom: agents got SOURCE_STEP for a position, and found the numbers themselves.
 TEST_F(ColorRangesTest, AgentsGetNumbersForPositions) {
-  Start();
+  const Running running = Start();
   for (const v1::ColorRange::Source source :
        {v1::ColorRange::SOURCE_UNSPECIFIED, v1::ColorRange::SOURCE_STEP,
         v1::ColorRange::SOURCE_VISIBLE}) {
@@ -201,7 +201,7 @@ TEST_F(ColorRangesTest, AgentsGetNumbersForPositions) {
 // Symptom: the advice was the agent's, to ask for a smaller viewport, which needs as much.
 TEST_F(ColorRangesTest, ASmallestBandThatIsRefusedSaysWhatMakesItLarge) {
   most_pixels_ = 10000;
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = Request(v1::ColorRange::SOURCE_UNSPECIFIED);
   ISOSCOPE_EXPECT_OK(Render(request));
   request.set_samples(16);

@@ -120,7 +120,7 @@ std::vector<std::string> NamesOf(const v1::ListDatasetsResponse& response) {
 
 TEST_F(CoordinatorOperationsTest, ARequestForOtherContentsIsRefusedNamingBothIds) {
   AddAgent({MakeShard("head", 0, 1)});
-  Start();
+  const Running running = Start();
   const auto is_refused = StatusIs(absl::StatusCode::kFailedPrecondition,
                                    AllOf(HasSubstr(kSomeId), HasSubstr(kOtherId)));
   const absl::Status refused = Render(FrameRequest(kOtherId));
@@ -137,7 +137,7 @@ TEST_F(CoordinatorOperationsTest, ARequestForOtherContentsIsRefusedNamingBothIds
 // A finding of docs/lab/robustness.md: only an agent with other contents under the name is reached.
 TEST_F(CoordinatorOperationsTest, APartOfOtherContentsIsNoPartOfThoseExpected) {
   AddAgent({MakeShard("head", 0, 2, kOtherId)});
-  Start(/*waits=*/false);
+  const Running running = Start(/*waits=*/false);
   v1::RenderIsosurfaceRequest request = FrameRequest("");
   request.set_allow_partial(true);
   request.set_dataset_id(kSomeId);
@@ -157,7 +157,7 @@ TEST_F(CoordinatorOperationsTest, ADatasetOfTheRightIdIsDrawn) {
     stream->Write(response);
     return grpc::Status::OK;
   };
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = FrameRequest(kSomeId);
   request.set_culling(v1::CULLING_NONE);
   EXPECT_THAT(Render(request), IsOk());
@@ -166,7 +166,7 @@ TEST_F(CoordinatorOperationsTest, ADatasetOfTheRightIdIsDrawn) {
 
 TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
   AddAgent({MakeShard("head", 0, 1)});
-  Start();
+  const Running running = Start();
   grpc::ClientContext context;
   v1::GetCapabilitiesResponse capabilities;
   ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
@@ -179,7 +179,7 @@ TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
 
 TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {
   AddAgent({MakeShard("a", 0, 1), MakeShard("b", 0, 1, kOtherId), MakeShard("c", 0, 1)});
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, List(0, ""));
   EXPECT_THAT(NamesOf(all), ElementsAre("a", "b", "c"));
   EXPECT_EQ(all.next_page_token(), "");
@@ -196,7 +196,7 @@ TEST_F(CoordinatorOperationsTest, DatasetsThatGoBetweenPagesShiftNothing) {
   AddAgent({MakeShard("a", 0, 1)});
   FakeAgent* const other = AddAgent({MakeShard("b", 0, 1, kOtherId), MakeShard("d", 0, 1)});
   AddAgent({MakeShard("c", 0, 1)});
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, List(2, ""));
   EXPECT_THAT(NamesOf(first), ElementsAre("a", "b"));
   other->Stop();
@@ -222,7 +222,7 @@ TEST_F(CoordinatorOperationsTest, PagesOfARestrictedCallerHaveNeitherHoleNorHidd
       << R"({"tokens": [{"name": "ward", "sha256": ")"
       << absl::BytesToHexString(DigestOfToken("secret")) << R"(", "datasets": ["a", "c"]}]})";
   AddAgent({MakeShard("a", 0, 1), MakeShard("b", 0, 1, kOtherId), MakeShard("c", 0, 1)});
-  Start();
+  const Running running = Start();
   std::vector<std::string> names;
   std::string token;
   do {
@@ -250,7 +250,7 @@ TEST_F(CoordinatorOperationsTest, AgentsHavePagesAndWrongTokensAreNamed) {
   for (int i = 0; i < 3; ++i) {
     AddAgent({MakeShard("head", i, 3)});
   }
-  Start();
+  const Running running = Start();
   std::set<std::string> seen;
   std::string token;
   for (int page = 0; page < 3; ++page) {
@@ -279,7 +279,7 @@ TEST_F(CoordinatorOperationsTest, ErrorsTellTheirReasonAndWhetherItPasses) {
   agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "block 7 is damaged");
   };
-  Start();
+  const Running running = Start();
   const auto reason_of = [this](v1::RenderIsosurfaceRequest request, const std::string& dataset) {
     request.set_dataset(dataset);
     return base::ReasonOf(Render(request));
@@ -308,7 +308,7 @@ TEST_F(CoordinatorOperationsTest, AnAgentThatDrainsGetsNoFramesIfAReplicaHasItsS
       return PlayEmptyFrame(stream);
     };
   }
-  Start();
+  const Running running = Start();
   for (int i = 0; i < 10; ++i) {
     EXPECT_THAT(Render(FrameRequest("")), IsOk());
   }
@@ -337,7 +337,7 @@ TEST_F(CoordinatorOperationsTest, AnAgentThatDrainsGetsNoFramesIfAReplicaHasItsS
 
 TEST_F(CoordinatorOperationsTest, AnAgentThatDrainsAloneServesToItsEnd) {
   AddAgent({MakeShard("head", 0, 1)})->is_draining = true;
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
   EXPECT_TRUE(status.agents(0).is_draining());
   EXPECT_THAT(Render(FrameRequest("")), IsOk());
@@ -349,7 +349,7 @@ TEST_F(CoordinatorOperationsTest, EachCallLeavesAnAuditLineRefusedOnesToo) {
   const std::string path = folder.Sub("audit.log");
   options_.audit_log = path;
   AddAgent({MakeShard("head", 0, 1)});
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest(kSomeId)), IsOk());
   EXPECT_FALSE(Render(FrameRequest(kOtherId)).ok());
   v1::RenderIsosurfaceRequest malformed = FrameRequest("");
@@ -406,7 +406,7 @@ TEST_F(ReadinessTest, ItIsLiveAtOnceAndReadyOnceAllAgentsWereAsked) {
   AddAgent({MakeShard("head", 0, 2)});  // one of two shards: never complete
   AddAgent({})->on_describe = [may_answer] { may_answer->WaitForNotification(); };
   options_.listen_address = "127.0.0.1:0";
-  Start(/*waits=*/false);
+  const Running running = Start(/*waits=*/false);
   EXPECT_THAT(Probe(rpc::Probe::kLive), IsOk());
   EXPECT_THAT(Probe(rpc::Probe::kReady), StatusIs(absl::StatusCode::kUnavailable));
   may_answer->Notify();
@@ -420,7 +420,7 @@ TEST_F(ReadinessTest, ItIsLiveAtOnceAndReadyOnceAllAgentsWereAsked) {
 TEST_F(ReadinessTest, ItStaysReadyWhenItsOnlyDatasetIsLost) {
   AddAgent({MakeShard("head", 0, 1)});
   options_.listen_address = "127.0.0.1:0";
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
   agents_[0]->Stop();
   const base::MonotonicTime limit = base::MonotonicNow() + kLong;
@@ -441,7 +441,7 @@ TEST_F(CoordinatorOperationsTest, EachMetricHasOneOwnerAndANameByTheConvention) 
   options_.max_queued_frames = 7;
   AddAgent({MakeShard("head", 0, 2, kSomeId)});
   AddAgent({MakeShard("head", 1, 2, kSomeId)});
-  Start();
+  const Running running = Start();
   const std::vector<base::MetricFamily> families = coordinator_->CollectMetrics();
   testing::ExpectNamesFollowTheConvention(families);
   auto values = testing::ValuesOf(families);

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -28,8 +29,32 @@ namespace isoscope::testing {
 // A blocking service: each call has a thread of its own, so scripts may block.
 class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Service {
  public:
-  using FrameStream = grpc::ServerReaderWriter<isoscope::internal::v1::RenderFrameResponse,
-                                               isoscope::internal::v1::RenderFrameRequest>;
+  // A frame's stream, from its first message.
+  class FrameStream {
+   public:
+    using Stream = grpc::ServerReaderWriter<isoscope::internal::v1::RenderFrameResponse,
+                                            isoscope::internal::v1::RenderFrameRequest>;
+
+    // begin: the first message, which was read already
+    FrameStream(Stream* stream, isoscope::internal::v1::RenderFrameRequest begin)
+        : stream_(*stream), begin_(std::move(begin)) {}
+
+    bool Read(isoscope::internal::v1::RenderFrameRequest* request) {
+      if (!begin_) {
+        return stream_.Read(request);
+      }
+      *request = *std::move(begin_);
+      begin_.reset();
+      return true;
+    }
+    bool Write(const isoscope::internal::v1::RenderFrameResponse& response) {
+      return stream_.Write(response);
+    }
+
+   private:
+    Stream& stream_;
+    std::optional<isoscope::internal::v1::RenderFrameRequest> begin_;
+  };
   using SurfaceWriter = grpc::ServerWriter<isoscope::internal::v1::ExtractSurfaceResponse>;
 
   explicit FakeAgent(std::vector<isoscope::internal::v1::ShardDescription> shards)
@@ -47,6 +72,9 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   // Set before Start.
   std::function<void()> on_describe = [] {};
   std::function<grpc::Status(grpc::ServerContext*, FrameStream*)> on_frame;
+  // No other call of a frame follows. The coordinator does not wait for these.
+  std::function<grpc::Status(grpc::ServerContext*, FrameStream*)> on_frame_end =
+      [](grpc::ServerContext*, FrameStream*) { return grpc::Status::OK; };
   std::function<grpc::Status(grpc::ServerContext*, SurfaceWriter*)> on_surface;
   std::function<grpc::Status(grpc::ServerContext*,
                              const isoscope::internal::v1::GetShardHistogramRequest&,
@@ -99,8 +127,14 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
     response->mutable_shards()->Assign(shards_.begin(), shards_.end());
     return Answer(*request, *response, grpc::Status::OK, context);
   }
-  grpc::Status RenderFrame(grpc::ServerContext* context, FrameStream* stream) override {
-    return on_frame(context, stream);
+  grpc::Status RenderFrame(grpc::ServerContext* context, FrameStream::Stream* stream) override {
+    isoscope::internal::v1::RenderFrameRequest begin;
+    if (!stream->Read(&begin)) {
+      return grpc::Status::CANCELLED;
+    }
+    const bool is_end = begin.has_begin() && !begin.begin().has_frame();
+    FrameStream rest(stream, std::move(begin));
+    return is_end ? on_frame_end(context, &rest) : on_frame(context, &rest);
   }
   grpc::Status ExtractSurface(grpc::ServerContext* context,
                               const isoscope::internal::v1::ExtractSurfaceRequest* /*request*/,

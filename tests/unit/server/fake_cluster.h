@@ -183,6 +183,19 @@ class Export {
 // Agents that have nothing to draw unless a test says otherwise.
 class FakeClusterTest : public ::testing::Test {
  protected:
+  // Ends the cluster before what the scripts of its agents refer to: an agent may still play a call
+  // that nobody waits for.
+  class [[nodiscard]] Running {
+   public:
+    explicit Running(FakeClusterTest* test) : test_(*test) {}
+    ~Running() { test_.Stop(); }
+    Running(const Running&) = delete;
+    Running& operator=(const Running&) = delete;
+
+   private:
+    FakeClusterTest& test_;
+  };
+
   FakeClusterTest() { options_.poll_interval = absl::Hours(1); }
 
   FakeAgent* AddAgent(std::vector<internal::v1::ShardDescription> shards) {
@@ -197,7 +210,12 @@ class FakeClusterTest : public ::testing::Test {
     return agent;
   }
 
-  void Start(bool waits = true) {
+  // Runs the cluster until the end of the scope, which has to be after the scripts' variables.
+  Running Start(bool waits = true) {
+    StartAll(waits);
+    return Running(this);
+  }
+  void StartAll(bool waits) {
     options_.agents.clear();
     for (const std::unique_ptr<FakeAgent>& agent : agents_) {
       agent->Start();
@@ -211,6 +229,17 @@ class FakeClusterTest : public ::testing::Test {
     frames_ = v1::IsosurfaceService::NewStub(channel_);
     datasets_ = v1::DatasetService::NewStub(channel_);
     cluster_ = v1::ClusterService::NewStub(channel_);
+  }
+
+  void Stop() {
+    cluster_.reset();
+    datasets_.reset();
+    frames_.reset();
+    channel_.reset();
+    coordinator_.reset();
+    for (const std::unique_ptr<FakeAgent>& agent : agents_) {
+      agent->Stop();
+    }
   }
 
   void WriteTokens(const std::vector<std::string>& entries) {

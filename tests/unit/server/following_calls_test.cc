@@ -52,6 +52,12 @@ class FollowingCallsTest : public testing::TwoAgentsTest {
     second_.on_frame = [this](grpc::ServerContext* context, FakeAgent::FrameStream* stream) {
       return Play(1, context, stream);
     };
+    first_.on_frame_end = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      return PlayEnd(0, stream);
+    };
+    second_.on_frame_end = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      return PlayEnd(1, stream);
+    };
   }
 
   static v1::RenderIsosurfaceRequest Request() {
@@ -70,12 +76,6 @@ class FollowingCallsTest : public testing::TwoAgentsTest {
       return grpc::Status::CANCELLED;
     }
     const internal::BeginFrame& begin = request.begin();
-    if (!begin.has_frame()) {
-      EXPECT_TRUE(begin.shard_indices().empty());
-      const base::MutexLock lock(&mutex_);
-      ++Of(agent, begin.frame_number()).end_count;
-      return grpc::Status::OK;
-    }
     const v1::Region& window = begin.frame().region();
     const v1::Viewport& viewport = begin.frame().viewport();
     const int pixels = begin.frame().has_region() ? window.width_px() * window.height_px()
@@ -95,6 +95,15 @@ class FollowingCallsTest : public testing::TwoAgentsTest {
     internal::RenderFrameResponse response;
     response.mutable_frame_done();
     stream->Write(response);
+    return grpc::Status::OK;
+  }
+
+  grpc::Status PlayEnd(std::size_t agent, FakeAgent::FrameStream* stream) {
+    internal::RenderFrameRequest request;
+    stream->Read(&request);
+    EXPECT_TRUE(request.begin().shard_indices().empty());
+    const base::MutexLock lock(&mutex_);
+    ++Of(agent, request.begin().frame_number()).end_count;
     return grpc::Status::OK;
   }
 
@@ -213,7 +222,7 @@ v1::RenderIsosurfaceRequest With(const Options& options, v1::RenderIsosurfaceReq
 // Symptom: the last band of a picture with lights and the plane of normals said that others follow.
 // Agents that stopped waited for them.
 TEST_F(FollowingCallsTest, OpaqueFramesSayExactlyWhetherOthersFollow) {
-  Start();
+  const Running running = Start();
   for (const bool in_bands : {false, true}) {
     for (const Options& options : AllOptions()) {
       SCOPED_TRACE(absl::StrCat("in bands ", in_bands, ", ", TextOf(options)));
@@ -233,7 +242,7 @@ TEST_F(FollowingCallsTest, OpaqueFramesSayExactlyWhetherOthersFollow) {
 
 // Layers have no normals. Whether one shows is known only when it is drawn: then nothing follows.
 TEST_F(FollowingCallsTest, AgentsHearThatNoPlanesAreDrawnIfNoLayerShows) {
-  Start();
+  const Running running = Start();
   Options options{.normal = true, .has_light = true};
   v1::RenderIsosurfaceRequest request = With(options, Request());
   request.mutable_surfaces(0)->mutable_color()->set_red(1);
@@ -252,7 +261,7 @@ TEST_F(FollowingCallsTest, AgentsHearThatTheClientLeftBetweenTwoBands) {
     return testing::HangUntilCancelled(context);
   };
   most_pixels_ = kPixelsOfBands;
-  Start();
+  const Running running = Start();
   grpc::ClientContext context;
   v1::RenderIsosurfaceResponse response;
   std::thread client([&] {
@@ -274,7 +283,7 @@ TEST_F(FollowingCallsTest, AgentsHearThatAnotherOneHasFailed) {
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "block 3 is damaged");
   };
   most_pixels_ = kPixelsOfBands;
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("block 3")));
   ExpectThatItKnows(0);
 }

@@ -60,7 +60,7 @@ auto SendSurface(const internal::ExtractSurfaceResponse& message) {
 using IsosurfaceServiceTest = testing::TwoAgentsTest;
 
 TEST_F(IsosurfaceServiceTest, AFrameWithoutSurfaceIsTheBackgroundAndSumsTheAgents) {
-  Start();
+  const Running running = Start();
   isoscope::v1::RenderIsosurfaceRequest request = FrameRequest();
   request.mutable_background_color()->set_red(1);
   request.mutable_background_color()->set_alpha(1);
@@ -94,7 +94,7 @@ TEST_F(IsosurfaceServiceTest, AgentsGetTheFrameAndTheirShare) {
     stream->Write(response);
     return grpc::Status::OK;
   };
-  Start();
+  const Running running = Start();
   isoscope::v1::RenderIsosurfaceRequest request = FrameRequest();
   request.set_culling(isoscope::v1::CULLING_NONE);
   request.set_ray_seed(77);
@@ -149,7 +149,7 @@ TEST_F(IsosurfaceServiceTest, AgentsAreAskedForActiveBlocksOncePerLevel) {
   };
   first_.on_frame = play(0);
   second_.on_frame = play(1);
-  Start();
+  const Running running = Start();
   // True if both agents were asked, false if none was. What they are to draw must not depend on it.
   const auto render = [&](double isovalue) {
     {
@@ -176,7 +176,7 @@ TEST_F(IsosurfaceServiceTest, AgentsAreAskedForActiveBlocksOncePerLevel) {
 }
 
 TEST_F(IsosurfaceServiceTest, BadRequestsAreRefusedNamingTheField) {
-  Start();
+  const Running running = Start();
   const auto expect_bad = [this](const isoscope::v1::RenderIsosurfaceRequest& request,
                                  const std::string& field) {
     EXPECT_THAT(Render(request), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(field)));
@@ -209,7 +209,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentsErrorKeepsItsCodeAndNamesTheAgent) {
     first_.Stop();
     second_.Stop();
     second_.on_frame = Fail(code, "block 1713 at offset 4096");
-    Start();
+    const Running running = Start();
     EXPECT_THAT(Render(FrameRequest()),
                 StatusIs(static_cast<absl::StatusCode>(code),
                          AllOf(HasSubstr(second_.address()), HasSubstr("shard 1"),
@@ -246,7 +246,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForTheWholeGetsSmallerBands) {
     stream->Write(response);
     return grpc::Status::OK;
   };
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(FrameRequest(200, 180)));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage picture, image::DecodePng(response.png()));
   EXPECT_EQ(picture.width, 200);
@@ -261,11 +261,9 @@ TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForTheWholeGetsSmallerBands) {
   EXPECT_EQ(next.png(), response.png());
   EXPECT_EQ(refused.load(), refused_before);
   // Bands of fewer pixels than the least are no way out: the agent's advice reaches the client.
-  coordinator_.reset();
-  first_.Stop();
-  second_.Stop();
+  Stop();
   second_.on_frame = Fail(grpc::StatusCode::RESOURCE_EXHAUSTED, "raise --memory-limit to 99MiB");
-  Start();
+  const Running running_again = Start();
   EXPECT_THAT(Render(FrameRequest(200, 180)),
               StatusIs(absl::StatusCode::kResourceExhausted,
                        AllOf(HasSubstr(second_.address()), HasSubstr("to 99MiB"))));
@@ -278,7 +276,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentWithoutMemoryForAnySizeIsNotTakenForOneWith
     return fails ? grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "too many open files")
                  : PlayEmptyFrame(stream);
   };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest(200, 180)),
               StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("too many open files")));
   fails = false;
@@ -291,7 +289,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusySaysWhenToComeAgain) {
     return rpc::ToGrpcStatus(base::WithRetryDelay(absl::ResourceExhaustedError("64 frames wait"),
                                                   absl::Milliseconds(700)));
   };
-  Start();
+  const Running running = Start();
   const absl::Status status = Render(FrameRequest()).status();
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("64 frames wait")));
   EXPECT_EQ(base::RetryDelayOf(status), absl::Milliseconds(700));
@@ -307,7 +305,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusyIsNotAskedForSmallerBands) {
         base::WithRetryDelay(absl::ResourceExhaustedError("no memory for a step of the frame"),
                              absl::Milliseconds(500)));
   };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest(400, 300)),
               StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("no memory for a step of")));
   EXPECT_EQ(asked.load(), 1);
@@ -343,7 +341,7 @@ TEST_F(IsosurfaceServiceTest, ATraceHasTheDetailsOfTheFirstBandsAndASpanForEachO
   };
   first_.on_frame = play;
   second_.on_frame = play;
-  Start();
+  const Running running = Start();
   isoscope::v1::RenderIsosurfaceRequest request = FrameRequest(1536, 1280);
   request.set_with_trace(true);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(request));
@@ -361,7 +359,7 @@ TEST_F(IsosurfaceServiceTest, ATraceHasTheDetailsOfTheFirstBandsAndASpanForEachO
 
 TEST_F(IsosurfaceServiceTest, AnAgentThatRefusesTheCoordinatorsMessageIsNotTheClientsFault) {
   second_.on_frame = Fail(grpc::StatusCode::INVALID_ARGUMENT, "out of order");
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest()),
               StatusIs(absl::StatusCode::kInternal, HasSubstr("out of order")));
 }
@@ -377,7 +375,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatEndsTooEarlyOrSendsRubbishIsAnInternalE
     stream->Write(response);
     return grpc::Status::OK;
   };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest()),
               StatusIs(absl::StatusCode::kInternal, HasSubstr(second_.address())));
   EXPECT_THAT(
@@ -396,7 +394,7 @@ TEST_F(IsosurfaceServiceTest, AMessageThatIsDamagedOnItsWayIsNotTheAgentsFault) 
     stream->Write(damaged);
     return grpc::Status::OK;
   };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest()),
               StatusIs(absl::StatusCode::kUnavailable,
                        AllOf(HasSubstr(second_.address()), HasSubstr("CRC-32C"))));
@@ -413,7 +411,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatDiesDuringTheFrameIsUnavailableNamingIt
     begun.Notify();
     return HangUntilCancelled(context);
   };
-  Start();
+  const Running running = Start();
   std::thread killer([&] {
     begun.WaitForNotification();
     second_.Stop();
@@ -438,7 +436,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatHangsEndsTheFrameAtTheServersLimitNamin
     return HangUntilCancelled(context, &cancelled_count);
   };
   options_.max_frame_duration = absl::Seconds(3);  // the agent is asked within it
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest()),
               StatusIs(absl::StatusCode::kDeadlineExceeded, HasSubstr(second_.address())));
   second_.Stop();
@@ -454,7 +452,7 @@ TEST_F(IsosurfaceServiceTest, AClientThatCancelsStopsTheAgents) {
     begun.Notify();
     return HangUntilCancelled(context, &cancelled_count);
   };
-  Start();
+  const Running running = Start();
   grpc::ClientContext context;
   isoscope::v1::RenderIsosurfaceResponse response;
   std::thread client([&] {
@@ -471,7 +469,7 @@ TEST_F(IsosurfaceServiceTest, MoreFramesThanMayWaitAreRefusedWithAdvice) {
   HeldFrames held(&second_);
   options_.max_concurrent_frames = 1;
   options_.max_queued_frames = 0;
-  Start();
+  const Running running = Start();
   std::thread client([&] { EXPECT_THAT(Render(FrameRequest()), IsOk()); });
   EXPECT_TRUE(held.AwaitOne());
   EXPECT_THAT(Render(FrameRequest()),
@@ -486,7 +484,7 @@ TEST_F(IsosurfaceServiceTest, AQueuedFrameHearsOfItsDeadlineWhileTheThreadsAreBu
   HeldFrames held(&second_);
   options_.max_concurrent_frames = 1;
   options_.max_queued_frames = 4;
-  Start();
+  const Running running = Start();
   std::thread client([&] { EXPECT_THAT(Render(FrameRequest()), IsOk()); });
   EXPECT_TRUE(held.AwaitOne());
   testing::WithEnoughTime(absl::Seconds(2), [this](absl::Duration time) {
@@ -511,7 +509,7 @@ TEST_F(IsosurfaceServiceTest, ExportsBeyondTheirQueueAreRefusedWithATimeToComeAg
       return grpc::Status::OK;
     };
   }
-  Start();
+  const Running running = Start();
   std::atomic<int> refused{0};
   std::vector<std::thread> clients;
   // Those that are refused come back at once, the others when they are released.
@@ -541,7 +539,7 @@ TEST_F(IsosurfaceServiceTest, ShutdownWithoutGraceCancelsFramesInWork) {
     begun.Notify();
     return HangUntilCancelled(context);
   };
-  Start();
+  const Running running = Start();
   std::thread client([&] { EXPECT_FALSE(Render(FrameRequest()).ok()); });
   begun.WaitForNotification();
   coordinator_->Shutdown(absl::ZeroDuration());
@@ -550,7 +548,7 @@ TEST_F(IsosurfaceServiceTest, ShutdownWithoutGraceCancelsFramesInWork) {
 
 TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
   first_.on_surface = SendSurface(Triangles());
-  Start();
+  const Running running = Start();
   Export mesh(frames_.get());
   ASSERT_TRUE(mesh.Read());
   EXPECT_EQ(mesh.chunk().positions().size(), 3 * 3 * sizeof(float));
@@ -562,7 +560,7 @@ TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
 TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) {
   constexpr int kTriangles = 100'000;  // three chunks: one on its way, two wait
   first_.on_surface = SendSurface(Triangles(0, kTriangles));
-  Start();
+  const Running running = Start();
   Export mesh(frames_.get());
   const auto has_bytes = [&](double bytes) {
     return WaitFor([&] { return Metric("isoscope_export_memory_bytes") == bytes; });
@@ -607,7 +605,7 @@ TEST_P(TakeoverTest, AnExportGoesOnBehindTheLastBlockWhenAReplicaTakesOver) {
   if (GetParam().is_silent) {
     options_.max_agent_silence = kSilence;
   }
-  Start();
+  const Running running = Start();
   Export mesh(frames_.get());
   EXPECT_THAT(mesh.Finish(), IsOk());
   EXPECT_EQ(stream_count, 2);
@@ -629,7 +627,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent
     return HangUntilCancelled(context, &cancelled_count);
   };
   options_.max_agent_silence = kSilence;
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Export(frames_.get()).Finish(),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
                        AllOf(HasSubstr(second_.address()), HasSubstr("sent nothing for 5s"),
@@ -655,7 +653,7 @@ TEST_F(IsosurfaceServiceTest, SignsOfLifeKeepAQuietExportThroughEveryLimit) {
   first_.on_surface = works_for_long(Triangles());
   options_.max_agent_silence = kSilence;
   options_.sign_of_life_interval = absl::Milliseconds(100);
-  Start();
+  const Running running = Start();
   isoscope::v1::ExportIsosurfaceRequest request = testing::ExportRequest();
   request.clear_isovalue();
   request.add_surfaces()->set_isovalue(100);
@@ -682,7 +680,7 @@ TEST_F(IsosurfaceServiceTest, AnExportInTheQueueGivesSignsOfLife) {
     return testing::WriteBlocks(0, 1, 1, writer);
   };
   options_.sign_of_life_interval = absl::Milliseconds(20);
-  Start();
+  const Running running = Start();
   std::vector<std::unique_ptr<Export>> exports;
   for (int i = 0; i <= IsosurfaceServiceImpl::kMaxConcurrentExports; ++i) {
     exports.push_back(std::make_unique<Export>(frames_.get()));
@@ -700,7 +698,7 @@ TEST_F(IsosurfaceServiceTest, AnExportInTheQueueGivesSignsOfLife) {
 
 TEST_F(IsosurfaceServiceTest, SurfacesFollowOneAnotherAndWrongRequestsReachNoAgent) {
   first_.on_surface = SendSurface(Triangles());
-  Start();
+  const Running running = Start();
   isoscope::v1::ExportIsosurfaceRequest request;
   request.add_surfaces()->set_isovalue(100);
   request.add_surfaces()->set_isovalue(50);
@@ -737,7 +735,7 @@ TEST_F(IsosurfaceServiceTest, MeasuresAreTheSumsOfAllAgents) {
   };
   first_.on_surface = SendSurface(sums_of(2, -3, 0));
   second_.on_surface = SendSurface(sums_of(5, 4, 0));
-  Start();
+  const Running running = Start();
   isoscope::v1::ExportIsosurfaceRequest request = testing::ExportRequest();
   request.set_with_measures(true);
   request.set_without_mesh(true);
@@ -771,14 +769,14 @@ TEST_F(IsosurfaceServiceTest, AMalformedSurfaceIsRefusedNamingTheAgent) {
   internal::ExtractSurfaceResponse malformed;
   malformed.add_blocks()->set_positions("123");
   first_.on_surface = SendSurface(malformed);
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Export(frames_.get()).Finish(),
               StatusIs(absl::StatusCode::kInternal,
                        AllOf(HasSubstr(first_.address()), HasSubstr("3 bytes of positions"))));
 }
 
 TEST_F(IsosurfaceServiceTest, StatusAndDatasetsTellWhatTheRegistrySaw) {
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
   ASSERT_EQ(status.agents_size(), 2);
   EXPECT_EQ(status.agents(0).state(), isoscope::v1::AgentStatus::STATE_REACHABLE);
@@ -818,7 +816,7 @@ TEST_F(IsosurfaceServiceTest, TheStatusOfTheClusterHasTheFramesInWorkAndWhatCame
     has_traceparent = context->client_metadata().contains("traceparent");
     return play(context, stream);
   };
-  Start();
+  const Running running = Start();
   const auto status = [&] { return Status().value(); };
   EXPECT_EQ(status().frames_size(), 0);
   std::thread client([&] { EXPECT_THAT(Render(FrameRequest()), IsOk()); });
@@ -843,7 +841,7 @@ TEST_F(IsosurfaceServiceTest, FramesOfDatasetsThatACallerMayNotSeeAreNotInItsSta
   WriteTokens({testing::TokenEntry("alice", "", R"("head")"),
                testing::TokenEntry("bob", "", R"("other")")});
   HeldFrames held(&second_);
-  Start();
+  const Running running = Start();
   std::thread client(
       [&] { EXPECT_THAT(Render(FrameRequest(), testing::kLimit, "alice"), IsOk()); });
   EXPECT_TRUE(held.AwaitOne());
@@ -854,7 +852,7 @@ TEST_F(IsosurfaceServiceTest, FramesOfDatasetsThatACallerMayNotSeeAreNotInItsSta
 }
 
 TEST_F(IsosurfaceServiceTest, AFrameIsTracedOfAgentsThatTellNoTimesAndAPickIsRefused) {
-  Start();
+  const Running running = Start();
   isoscope::v1::RenderIsosurfaceRequest request = FrameRequest();
   request.set_with_trace(true);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(request));
@@ -870,7 +868,7 @@ TEST_F(IsosurfaceServiceTest, AFrameIsTracedOfAgentsThatTellNoTimesAndAPickIsRef
 
 TEST_F(IsosurfaceServiceTest, MetricsCountFramesCallsAndTheAgentThatFailed) {
   second_.on_frame = Fail(grpc::StatusCode::DATA_LOSS, "block 7 is damaged");
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(FrameRequest()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("block 7")));
   std::string text;
   for (const base::MetricFamily& family : coordinator_->CollectMetrics()) {
@@ -891,7 +889,7 @@ TEST_F(IsosurfaceServiceTest, MetricsCountFramesCallsAndTheAgentThatFailed) {
 }
 
 TEST_F(IsosurfaceServiceTest, AnAddressInUseIsUnavailable) {
-  Start();
+  const Running running = Start();
   CoordinatorServerOptions options = options_;
   options.listen_address = first_.address();
   EXPECT_THAT(CoordinatorServer::Start(options),

@@ -142,7 +142,7 @@ v1::RenderIsosurfaceRequest InvalidState() {
 // Symptom: an export reserved the memory of frames, and a client that took no chunk kept it.
 TEST_F(RudeCallersTest, ASlowReaderOfAnExportDoesNotStopFrames) {
   options_.memory_limit_bytes = std::size_t{96} * 1024 * 1024;
-  Start();
+  const Running running = Start();
   testing::Export slow = ExportAs("");
   ASSERT_TRUE(slow.Read());
   absl::SleepFor(absl::Milliseconds(200));  // until all that may wait for it does
@@ -163,7 +163,7 @@ TEST_F(RudeCallersTest, ASlowReaderOfAnExportOfEightyAgentsLeavesFramesTheirMemo
         SendLargeSurface(i, i < kBlockCount ? i + 1 : i);
   }
   options_.memory_limit_bytes = std::size_t{1024} * 1024 * 1024;
-  Start();
+  const Running running = Start();
   testing::Export slow = ExportAs("");
   ASSERT_TRUE(slow.Read());
   EXPECT_GT(Metric("isoscope_export_memory_bytes"), 0);
@@ -193,7 +193,7 @@ TEST_F(RudeCallersTest, ATraceCountsAgainstTheMemoryLimit) {
     };
   }
   options_.memory_limit_bytes = std::size_t{96} * 1024 * 1024;
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = FrameRequest(1200, 1200);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse untraced, Render(request));
   EXPECT_EQ(untraced.statistics().band_count(), 1);
@@ -219,7 +219,7 @@ TEST_F(RudeCallersTest, ATraceCountsAgainstTheMemoryLimit) {
 // Symptom: the bytes of image, occlusion map and bands stayed reserved until the client had taken
 // the last part.
 TEST_F(RudeCallersTest, AFrameThatIsBeingSentReservesOnlyItsResponse) {
-  Start();
+  const Running running = Start();
   grpc::ClientContext context;
   v1::RenderIsosurfaceStreamRequest request;
   *request.mutable_request() = FrameRequest(1024, 1024);
@@ -244,7 +244,7 @@ TEST_F(RudeCallersTest, ACallerOverItsRateTakesNobodysPlace) {
   options_.max_concurrent_frames = 1;
   options_.max_queued_frames = 2;
   WriteTokens({TokenEntry("rude", R"("max_frames_per_second": 0.001)"), TokenEntry("patient")});
-  Start();
+  const Running running = Start();
   EXPECT_THAT(RenderAs("rude"), IsOk());
   EXPECT_THAT(RenderAs("rude"), IsOk());
   held.Hold();
@@ -269,7 +269,7 @@ TEST_F(RudeCallersTest, ARefusedFrameIsNotCountedAgainstTheRate) {
   options_.max_concurrent_frames = 1;
   options_.max_queued_frames = 0;
   WriteTokens({TokenEntry("limited", R"("max_frames_per_second": 0.001)"), TokenEntry("other")});
-  Start();
+  const Running running = Start();
   std::thread client([&] { EXPECT_THAT(RenderAs("other"), IsOk()); });
   EXPECT_TRUE(AwaitFrames(/*working=*/1, /*queued=*/0));
   for (int i = 0; i < 4; ++i) {
@@ -284,7 +284,7 @@ TEST_F(RudeCallersTest, ARefusedFrameIsNotCountedAgainstTheRate) {
 
 TEST_F(RudeCallersTest, ExportsCountAgainstTheRate) {
   WriteTokens({TokenEntry("limited", R"("max_frames_per_second": 0.001)")});
-  Start();
+  const Running running = Start();
   for (int i = 0; i < 2; ++i) {
     EXPECT_THAT(ExportAs("limited").Finish(), IsOk());
   }
@@ -312,7 +312,7 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
   };
   second_.on_histogram = first_.on_histogram;
   WriteTokens({TokenEntry("rude"), TokenEntry("other")});
-  Start();
+  const Running running = Start();
   const auto ask = [&](const std::string& token, int bins) {
     v1::GetHistogramRequest request;
     request.set_dataset("head");
@@ -373,7 +373,7 @@ TEST_F(RudeCallersTest, AHistogramIsAnsweredWhileQueriesOfLabelsAreInWork) {
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "a script");
   };
   second_.on_histogram = first_.on_histogram;
-  Start();
+  const Running running = Start();
   const auto ask = [&](int label_count) {
     v1::GetHistogramRequest request;
     request.set_dataset("head");
@@ -397,7 +397,7 @@ TEST_F(RudeCallersTest, AHistogramIsAnsweredWhileQueriesOfLabelsAreInWork) {
 
 // Symptom: a client that sent nothing but wrong states got an error for each, read or not.
 TEST_F(RudeCallersTest, WrongStatesGetFewErrors) {
-  Start();
+  const Running running = Start();
   Stream rude(channel_, "");
   const base::MonotonicTime begin = base::MonotonicNow();
   const int errors =
@@ -411,7 +411,7 @@ TEST_F(RudeCallersTest, WrongStatesGetFewErrors) {
 // Symptom: exact frames needed no acknowledgement, and a client that never gave one got as many as
 // could be drawn.
 TEST_F(RudeCallersTest, ExactFramesWaitForTheClientToShowThem) {
-  Start();
+  const Running running = Start();
   Stream rude(channel_, "");
   const base::MonotonicTime begin = base::MonotonicNow();
   const int frames =
@@ -425,7 +425,7 @@ TEST_F(RudeCallersTest, ExactFramesWaitForTheClientToShowThem) {
 // Symptom: wrong states cost neither a place nor a frame of the rate.
 TEST_F(RudeCallersTest, WrongStatesCountAgainstTheRate) {
   WriteTokens({TokenEntry("limited", R"("max_frames_per_second": 0.001)")});
-  Start();
+  const Running running = Start();
   Stream rude(channel_, "limited");
   v1::InteractResponse response;
   for (const absl::StatusCode code :
@@ -439,7 +439,7 @@ TEST_F(RudeCallersTest, WrongStatesCountAgainstTheRate) {
 // Symptom: 256 streams for all callers together; the first caller could take all of them.
 TEST_F(RudeCallersTest, ACallerWithAllStreamsGivesOneToAnother) {
   WriteTokens({TokenEntry("rude"), TokenEntry("other")});
-  Start();
+  const Running running = Start();
   std::vector<std::unique_ptr<Stream>> streams;
   v1::InteractResponse response;
   for (int i = 0; i < 256; ++i) {
@@ -458,7 +458,7 @@ TEST_F(RudeCallersTest, ACallerWithAllStreamsGivesOneToAnother) {
 // Symptom: the rights of a token were looked at when a message came. What sent none kept them.
 TEST_F(RudeCallersTest, AWithdrawnTokenEndsItsExportsAndIdleStreams) {
   WriteTokens({TokenEntry("leaver"), TokenEntry("stayer")});
-  Start();
+  const Running running = Start();
   testing::Export mesh = ExportAs("leaver");
   ASSERT_TRUE(mesh.Read());
   Stream view(channel_, "leaver");
@@ -485,7 +485,7 @@ TEST_F(RudeCallersTest, AWithdrawnTokenEndsItsExportsAndIdleStreams) {
 TEST_F(RudeCallersTest, AnExportWhoseClientIsTooSlowEndsAndSaysWhy) {
   options_.export_limits.allowance = absl::Milliseconds(100);
   options_.export_limits.least_bytes_per_second = std::size_t{1} << 30;
-  Start();
+  const Running running = Start();
   testing::Export slow = ExportAs("");
   ASSERT_TRUE(slow.Read());
   EXPECT_TRUE(WaitFor([&] { return Metric("isoscope_cut_calls_total", "too_slow") == 1; }));
@@ -500,7 +500,7 @@ TEST_F(RudeCallersTest, AnExportHasALimitOfTime) {
   first_.on_surface = [&](grpc::ServerContext* context, FakeAgent::SurfaceWriter*) {
     return testing::HangUntilCancelled(context, &cancelled_count);
   };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(ExportAs("").Finish(),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
                        AllOf(HasSubstr("it took 3s"), HasSubstr("--max-export-seconds"))));
@@ -514,7 +514,7 @@ TEST_F(RudeCallersTest, TheLimitsOfATokenRefuseAndAreCounted) {
       {TokenEntry("limited", R"("max_streams": 1, "max_exports": 1, "max_concurrent_frames": 1)"),
        TokenEntry("poor", R"("max_bytes_per_second": 0.1)"), TokenEntry("free")});
   HeldFrames held(&second_, /*is_holding=*/false);
-  Start();
+  const Running running = Start();
   const auto refused = [](const std::string& part) {
     return StatusIs(kRefused, AllOf(HasSubstr("\"limited\""), HasSubstr(part)));
   };
@@ -555,7 +555,7 @@ TEST_F(RudeCallersTest, TheLimitsOfATokenRefuseAndAreCounted) {
 }
 
 TEST_F(RudeCallersTest, MovingFramesLeaveOutTheAgentsAndExactOnesKeepThem) {
-  Start();
+  const Running running = Start();
   Stream stream(channel_, "");
   ASSERT_TRUE(stream.Send(FrameRequest(), /*is_at_rest=*/false));
   v1::InteractResponse response;

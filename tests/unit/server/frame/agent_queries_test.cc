@@ -122,7 +122,7 @@ TEST_F(AgentQueriesTest, PartsOfAllAgentsAddUpAndEachIsAskedForItsOwnShards) {
   std::string shards;
   second_.on_histogram =
       AnswerWith(3, 4, [&](const auto& request, auto*) { shards = request.ShortDebugString(); });
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_THAT(shards, AllOf(HasSubstr("shard_indices: 1"), HasSubstr("max_bin_count: 256")));
   ASSERT_EQ(response.bins_size(), 2);
@@ -140,7 +140,7 @@ TEST_F(AgentQueriesTest, PartsOfAllAgentsAddUpAndEachIsAskedForItsOwnShards) {
 TEST_F(AgentQueriesTest, AnAgentWithoutCountsLeavesTheVolumeWithout) {
   second_.on_histogram =
       AnswerWith(3, 4, [](const auto&, auto* response) { response->clear_samples(); });
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_FALSE(response.has_sample_counts());
   EXPECT_EQ(response.bins(0).sample_count(), 0);
@@ -155,7 +155,7 @@ TEST_F(AgentQueriesTest, APartialPictureWithoutAllCountsHasTheRangeOfItsStep) {
     ++asked;
     return grpc::Status(grpc::StatusCode::UNAVAILABLE, "gone");
   };
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = testing::FrameRequest(8, 8);
   request.set_culling(v1::CULLING_NONE);
   request.set_allow_partial(true);
@@ -181,7 +181,7 @@ TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
     second_.on_histogram = [&row](grpc::ServerContext*, const auto&, auto*) {
       return grpc::Status(row.sent, "the disk smokes");
     };
-    Start();
+    const Running running = Start();
     EXPECT_THAT(Ask(), StatusIs(row.seen, AllOf(HasSubstr(second_.address()), HasSubstr("shard 1"),
                                                 HasSubstr("the disk smokes"))));
   }
@@ -208,7 +208,7 @@ class ReplicaQueriesTest : public AgentQueriesTest {
 };
 
 TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhereOneFails) {
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_EQ(asked_count_, 2);
   ASSERT_EQ(response.bins_size(), 2);
@@ -217,7 +217,7 @@ TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhereOneFails) {
 
 TEST_F(ReplicaQueriesTest, WhereAllFailTheErrorIsTheLastOnes) {
   failing_count_ = 2;
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the disk smokes")));
   EXPECT_EQ(asked_count_, 2);
 }
@@ -233,7 +233,7 @@ TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhileOneHangs) {
       return grpc::Status::OK;
     };
   }
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
   EXPECT_EQ(asked_count_, 2);
   EXPECT_EQ(response.bins(0).sample_count(), 1000);
@@ -250,7 +250,7 @@ TEST_F(ReplicaQueriesTest, WhereAllHangTheErrorIsTheDeadlines) {
       return HangUntilCancelled(context);
     };
   }
-  Start();
+  const Running running = Start();
   testing::WithEnoughTime(absl::Milliseconds(800), [this](absl::Duration time) {
     asked_count_ = 0;
     EXPECT_THAT(Ask(time), StatusIs(absl::StatusCode::kDeadlineExceeded));
@@ -274,7 +274,7 @@ TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
       return testing::PlayEmptyFrame(stream);
     };
   }
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   request.clear_camera_fit();
   ISOSCOPE_ASSERT_OK(Render(request));
@@ -319,7 +319,7 @@ TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails
                              : grpc::Status::OK;
     };
   }
-  Start();
+  const Running running = Start();
   testing::WithEnoughTime(kHedgeDelay, [&](absl::Duration /*limit*/) {
     counts[0] = 0;
     counts[1] = 0;
@@ -346,14 +346,14 @@ TEST_F(AgentQueriesTest, AnAgentThatHangsIsNamedAtTheDeadlineAndACallerThatLeave
   second_.on_histogram = [](grpc::ServerContext* context, const auto&, auto*) {
     return HangUntilCancelled(context);
   };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Ask(absl::Milliseconds(300)), StatusIs(absl::StatusCode::kDeadlineExceeded));
 }
 
 TEST_F(AgentQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
   second_.on_histogram = AnswerWith(
       3, 4, [](const auto&, auto* response) { response->set_active_block_counts(0, -1); });
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal,
                               AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
   second_.on_histogram =
@@ -377,7 +377,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
     corner->set_y(at);
     corner->set_z(at);
   }
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera by_default, RenderedCamera(request));
   EXPECT_EQ(box_count_, 1) << "one agent knows all ranges";
@@ -446,7 +446,7 @@ class CellBoxQueriesTest : public AgentQueriesTest {
 TEST_F(CellBoxQueriesTest, TheBoxIsThatOfAllAgentsAndAskedOnce) {
   SetCells(2, 4, &cells_[0]);
   SetCells(3, 7, &cells_[1]);
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(request));
   EXPECT_EQ(camera.SerializeAsString(), FirstLookAt(BoxOf(2, 7)));
@@ -479,7 +479,7 @@ TEST_F(CellBoxQueriesTest, TheBoxIsThatOfAllAgentsAndAskedOnce) {
 }
 
 TEST_F(CellBoxQueriesTest, WithoutCellsTheVolumeIsFramedAndThatIsKnownToo) {
-  Start();
+  const Running running = Start();
   for (int i = 0; i < 2; ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(Request()));
     EXPECT_EQ(camera.SerializeAsString(), FirstLookAt(BoxOf(0, 8)));
@@ -489,7 +489,7 @@ TEST_F(CellBoxQueriesTest, WithoutCellsTheVolumeIsFramedAndThatIsKnownToo) {
 
 TEST_F(CellBoxQueriesTest, ABoxOutsideOfTheVolumeIsAnInternalError) {
   SetCells(3, 9, &cells_[1]);
-  Start();
+  const Running running = Start();
   EXPECT_THAT(RenderedCamera(Request()),
               StatusIs(absl::StatusCode::kInternal,
                        AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
@@ -537,7 +537,7 @@ TEST_F(DepthBoundsQueriesTest, ThePlaneIsTheLeastAndTheGreatestOfAllPartsAndNoth
       return grpc::Status::CANCELLED;
     };
   }
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
   EXPECT_EQ(asked_.size(), 2U);
   for (const internal::GetDepthBoundsRequest& asked : asked_) {
@@ -565,7 +565,7 @@ TEST_F(DepthBoundsQueriesTest, ThePlaneIsTheLeastAndTheGreatestOfAllPartsAndNoth
 
 // All agents know all ranges: one that fails is replaced by one of another part.
 TEST_F(DepthBoundsQueriesTest, AnotherAgentAnswersForOneThatFails) {
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse expected, Render(Request()));
   fails_[1] = true;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
@@ -574,7 +574,7 @@ TEST_F(DepthBoundsQueriesTest, AnotherAgentAnswersForOneThatFails) {
 
 TEST_F(DepthBoundsQueriesTest, AnAnswerThatCanNotBeRightIsAnInternalError) {
   change_ = [](internal::GetDepthBoundsResponse* response) { response->clear_farthest(); };
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal, HasSubstr("malformed")));
 }
 
@@ -613,7 +613,7 @@ class UnresolvedQueriesTest : public AgentQueriesTest {
 };
 
 TEST_F(UnresolvedQueriesTest, BlocksThatAnyAgentResolvesAreResolvedOnce) {
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::int64_t count, Ask());
   EXPECT_EQ(count, 10 - 4);
   for (const int i : {0, 1}) {
@@ -625,7 +625,7 @@ TEST_F(UnresolvedQueriesTest, BlocksThatAnyAgentResolvesAreResolvedOnce) {
 }
 
 TEST_F(UnresolvedQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
-  Start();
+  const Running running = Start();
   active_counts_[1] = 11;
   EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("the same in all answers")));
   active_counts_[1] = active_counts_[0] = 3;
@@ -678,7 +678,7 @@ class UnresolvedFramesTest : public testing::FakeClusterTest {
 };
 
 TEST_F(UnresolvedFramesTest, FramesThatAskHaveThemCountedAndOthersTellWhatIsKnown) {
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, false));
   EXPECT_FALSE(statistics.has_unresolved_block_count()) << "nobody waits for it";
   EXPECT_EQ(asked_count_, 0);
@@ -695,7 +695,7 @@ TEST_F(UnresolvedFramesTest, FramesThatAskHaveThemCountedAndOthersTellWhatIsKnow
 }
 
 TEST_F(UnresolvedFramesTest, APictureWithoutTheNumberIsStillRight) {
-  Start();
+  const Running running = Start();
   fails_ = true;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::RenderStatistics statistics, RenderAt(1, true));
   EXPECT_FALSE(statistics.has_unresolved_block_count());
@@ -710,7 +710,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
   answer_.mutable_end_cell()->set_x(8);
   answer_.mutable_end_cell()->set_y(8);
   answer_.mutable_end_cell()->set_z(8);
-  Start();
+  const Running running = Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   v1::ClipRegion* const clip = request.mutable_clip();
   clip->add_half_spaces()->mutable_normal()->set_x(1);
@@ -723,7 +723,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
 }
 
 TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
-  Start();
+  const Running running = Start();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(RequestThatFits()));
   EXPECT_EQ(camera.SerializeAsString(),
             wire::ToProto(view::MakeDefaultCamera(BoxOf(0, 8))).SerializeAsString());
@@ -732,7 +732,7 @@ TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
 TEST_F(AgentQueriesTest, ABoxOutsideTheVolumeIsAnInternalError) {
   answer_.set_active_block_count(1);
   answer_.mutable_end_cell()->set_x(9);
-  Start();
+  const Running running = Start();
   EXPECT_THAT(Render(RequestThatFits()),
               StatusIs(absl::StatusCode::kInternal,
                        AllOf(HasSubstr(first_.address()), HasSubstr("malformed"))));
