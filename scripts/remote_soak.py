@@ -38,6 +38,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'tests' / 'support'))
 
 import fault_proxy  # noqa: E402
+from free_ports import free_port  # noqa: E402
 from zarr_random import crc32c  # noqa: E402
 
 PATIENCE_S = 240
@@ -53,12 +54,6 @@ http {{
   server {{ listen 127.0.0.1:{port}; root {root}; auth_basic "volumes"; auth_basic_user_file {folder}/users; }}
 }}
 '''
-
-
-def free_port():
-    with socket.socket() as one:
-        one.bind(('127.0.0.1', 0))
-        return one.getsockname()[1]
 
 
 def wait_for(port, process):

@@ -58,7 +58,12 @@ std::string DescribeMissingSteps(const OpenRequest& request, int step_count, int
 }
 
 std::string DescribeGap(const OpenRequest& request, int step_count) {
-  return MissingBetween(FilesOfSteps(request, step_count), step_count);
+  // Whether they were there once is not known: numbers may have had gaps from the start.
+  const std::vector<std::string> missing =
+      NamesMissingBetween(FilesOfSteps(request, step_count), static_cast<std::size_t>(step_count));
+  return missing.empty() ? ""
+                         : absl::StrCat(missing.size() == 1 ? "there is no " : "there are no ",
+                                        absl::StrJoin(missing, ", "));
 }
 
 }  // namespace isoscope::source

@@ -13,8 +13,9 @@ namespace isoscope::source {
 // or more: of files by number, which ones are missing, where their names tell.
 std::string DescribeMissingSteps(const OpenRequest& request, int step_count, int least_count);
 
-// Says in a sentence without its end that a source of `step_count` steps lacks files between the
-// first and the last: "run_2.vti is missing". "" if its files are no steps, or their names don't tell.
+// Says in a sentence without its end which files a source of `step_count` steps does not have between
+// the first and the last: "there is no run_2.vti". "" if its files are no steps, or their names don't
+// tell.
 std::string DescribeGap(const OpenRequest& request, int step_count);
 
 }  // namespace isoscope::source

@@ -86,22 +86,12 @@ eventually() {
   done
 }
 
-free_ports() {
-  python3 - "$1" <<'PYTHON'
-import socket, sys
-sockets = [socket.socket() for _ in range(int(sys.argv[1]))]
-for s in sockets:
-    s.bind(("127.0.0.1", 0))
-print(*(s.getsockname()[1] for s in sockets))
-PYTHON
-}
-
 # The munge daemon wants a private folder for its key and an open one for its socket.
 start_slurm() {
   local host ports user
   host="$(hostname -s)"
   user="$(id -un)"
-  read -ra ports <<<"$(free_ports 3)"
+  read -ra ports <<<"$(python3 "$root/tests/support/free_ports.py" 3)"
   mkdir -p "$work/munge" "$work/socket" "$work/state" "$work/n1" "$work/n2"
   chmod 700 "$work/munge"
   chmod 755 "$work/socket"

@@ -24,6 +24,7 @@ import unittest
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'support'))
 import skips  # noqa: E402
 from fault_proxy import FaultProxy, StrangerServer  # noqa: E402
+from free_ports import free_port  # noqa: E402
 from object_server import ObjectServer  # noqa: E402
 
 BIN = sys.argv.pop(1) if len(sys.argv) > 1 else '.'
@@ -422,9 +423,7 @@ class AddressTest(unittest.TestCase):
 
   @skips.skip_unless(shutil.which('nginx'), 'nginx', 'nginx is missing; Debian has it in nginx-light')
   def test_nginx_with_a_password(self):
-    with socket.socket() as free:
-      free.bind(('127.0.0.1', 0))
-      port = free.getsockname()[1]
+    port = free_port()
     with open(self.path('passwords'), 'w') as file:
       file.write(f'ada:{{PLAIN}}{SECRETS[3]}\n')
     with open(self.path('netrc'), 'w') as file:

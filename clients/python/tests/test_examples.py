@@ -13,12 +13,7 @@ import urllib.request
 
 import skips
 from conftest import ROOT
-
-
-def free_port():
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        return unused.getsockname()[1]
+from free_ports import free_port
 
 
 def get(url):

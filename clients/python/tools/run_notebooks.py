@@ -9,9 +9,11 @@ Needs python3-nbclient (or nbconvert) and python3-ipykernel.
 import os
 import pathlib
 import sys
+import tempfile
 
 import nbclient
 import nbformat
+import traitlets.config
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[1]
 
@@ -21,9 +23,16 @@ def execute(path: pathlib.Path) -> nbformat.NotebookNode:
     source = os.pathsep.join(filter(None, [str(PACKAGE / "src"), os.environ.get("PYTHONPATH")]))
     os.environ.update(PYTHONPATH=source, PYDEVD_DISABLE_FILE_VALIDATION="1")
     notebook = nbformat.read(path, as_version=4)
-    nbclient.NotebookClient(
-        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": str(path.parent)}}
-    ).execute()
+    with tempfile.TemporaryDirectory() as folder:
+        # Sockets are files: a port that a kernel is given may be another program's when it binds it.
+        sockets = {"transport": "ipc", "ip": os.path.join(folder, "kernel")}
+        nbclient.NotebookClient(
+            notebook,
+            timeout=120,
+            kernel_name="python3",
+            resources={"metadata": {"path": str(path.parent)}},
+            config=traitlets.config.Config(KernelManager=sockets),
+        ).execute()
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
         for output in cell.get("outputs", []):

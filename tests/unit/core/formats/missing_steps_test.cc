@@ -33,7 +33,7 @@ TEST_F(MissingStepsTest, NamesAFileOnlyWhereAFileIsAStep) {
   }
   EXPECT_EQ(DescribeMissingSteps({.path = dir_.Sub("run_1.vti")}, 1, 2),
             "has 1 steps, expected 2 or more, as there were");
-  EXPECT_EQ(DescribeGap({.path = dir_.Sub("run_*.vti")}, 3), "run_2.vti is missing");
+  EXPECT_EQ(DescribeGap({.path = dir_.Sub("run_*.vti")}, 3), "there is no run_2.vti");
   for (const char* const path : {"run_*.vti", "run_1.vti", "none.h5"}) {
     EXPECT_EQ(DescribeGap({.path = dir_.Sub(path)}, 2), "");
   }

@@ -388,8 +388,8 @@ TEST_F(SampleOpenerTest, AStepThatIsMissingIsNamed) {
   EXPECT_THAT(read_without({0, 2, 3}), says("files are missing beside run_1.vti"));
   // Steps before the last one are other files now: only their samples tell.
   const std::string others = "run_*.vti: step 2 has other samples than were partitioned, and ";
-  EXPECT_THAT(read_without({2}, 2), says(others + "run_2.vti is missing"));
-  EXPECT_THAT(read_without({1}, 2), says(others + "run_1.vti is missing"));
+  EXPECT_THAT(read_without({2}, 2), says(others + "there is no run_2.vti"));
+  EXPECT_THAT(read_without({1}, 2), says(others + "there is no run_1.vti"));
   ISOSCOPE_EXPECT_OK(read_without({2}, 1));
   // Names do not tell that the first one is missing, and all are there.
   EXPECT_THAT(read_without({0}, 2), says("are not those that were partitioned"));
