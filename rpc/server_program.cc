@@ -291,7 +291,8 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
   while (!finishing.is_done() && signal_name != "SIGTERM" && signal_name != "SIGINT") {
     signal_name = HandleSignal(flags, shutdown_signal->Wait(kStep));
   }
-  if (!signal_name.empty()) {
+  // A start that is done has frames in work, also if the signal came in the last step.
+  if (!signal_name.empty() && !finishing.is_done()) {
     base::LogInfo("shutdown", {{"signal", signal_name}, {"note", "while it started"}});
     const EndWatch watch(absl::ZeroDuration(), signal_name == "SIGINT" ? SIGINT : SIGTERM);
     finishing.End().IgnoreError();
@@ -300,7 +301,9 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
     return absl::OkStatus();
   }
   ISOSCOPE_RETURN_IF_ERROR(finishing.End());
-  signal_name = WaitForShutdown(flags, shutdown_signal);
+  if (signal_name.empty()) {
+    signal_name = WaitForShutdown(flags, shutdown_signal);
+  }
   base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});
   if (program.announce_drain != nullptr && signal_name == "SIGTERM") {
     absl::SleepFor(program.announce_drain());

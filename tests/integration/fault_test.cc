@@ -93,7 +93,7 @@ class FaultTest : public ::testing::Test {
     return testing::ShardDirectory(Dataset(), shard, kShardCount);
   }
   static void ExpectRight(const RenderResponse& response) {
-    ISOSCOPE_ASSERT_OK(response);
+    ISOSCOPE_ASSERT_OK(response.status());
     EXPECT_TRUE(response->png() == *right_png_) << "another picture";
   }
 
