@@ -55,7 +55,9 @@ std::optional<MeshPoint> NearestPoint(const BlockMeshView& mesh, const math::Vec
     Corners corners;
     for (std::size_t i = 0; i < 3; ++i) {
       const math::Vec3f& p = mesh.positions[vertices[i]];
-      corners[i] = math::Vec3d{double{p.x}, double{p.y}, double{p.z}} - position;
+      const math::Vec3d corner{static_cast<double>(p.x), static_cast<double>(p.y),
+                               static_cast<double>(p.z)};
+      corners[i] = corner - position;
     }
     const auto take = [&](const std::array<double, 3>& weights) {
       const math::Vec3d point = Mixed(corners, weights);

@@ -16,6 +16,7 @@
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 
+#include "core/base/cancellation.h"
 #include "core/base/log.h"
 
 namespace isoscope::rpc {
@@ -27,7 +28,8 @@ using ::testing::ExitedWithCode;
 // of EXPECT_EXIT, which makes a process for it. Its standard output goes to standard error, too.
 [[noreturn]] void RunAndExit(
     std::vector<std::string> arguments,
-    std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start) {
+    std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start,
+    std::function<absl::Status(const base::Cancellation&)> finish_start = nullptr) {
   std::cout.rdbuf(std::cerr.rdbuf());
   arguments.insert(arguments.begin(), "isoscope-test");
   std::vector<char*> argv;
@@ -45,7 +47,8 @@ using ::testing::ExitedWithCode;
                                     static bool own = false;
                                     set->AddSwitch("--own", &own, "");
                                   },
-                              .start = std::move(start)};
+                              .start = std::move(start),
+                              .finish_start = std::move(finish_start)};
   std::exit(RunServerProgram(program, static_cast<int>(arguments.size()), argv.data()));
 }
 
@@ -114,6 +117,24 @@ TEST(ServerProgramTest, ASignalWhileItStartsIsAShutdown) {
     };
     EXPECT_EXIT(RunAndExit({}, start), ExitedWithCode(0), "shutdown signal=.*while it started");
   }
+}
+
+// Symptom: "while it started" with frames in work, if the signal came within 100 ms of the end of the
+// start.
+TEST(ServerProgramTest, ASignalJustAfterTheStartDrainsTheServer) {
+  struct AtEndOfThread {
+    ~AtEndOfThread() { kill(getpid(), SIGTERM); }
+  };
+  const auto start = [](const ServerFlags& /*flags*/) -> absl::StatusOr<ServerShutdown> {
+    return [](absl::Duration grace) { std::cerr << "drains for " << grace << "\n"; };
+  };
+  const auto finish = [](const base::Cancellation& /*cancellation*/) {
+    // The thread of the start ends once the start is done.
+    [[maybe_unused]] thread_local const AtEndOfThread at_end;
+    return absl::OkStatus();
+  };
+  EXPECT_EXIT(RunAndExit({"--drain-seconds", "2.5"}, start, finish), ExitedWithCode(0),
+              "^(.*\n)*drains for 2.5s\n.*test_stopped\n$");
 }
 
 TEST(ServerProgramTest, TheLogLevelChangesWhileItRuns) {

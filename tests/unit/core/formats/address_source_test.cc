@@ -3,6 +3,7 @@
 #include "core/formats/address_source.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -79,8 +80,17 @@ class AddressSourceTest : public testing::FolderTest {
     } else if (!knows_ranges_) {
       connection->Send(testing::Answer(200, "ETag: \"v1\"\r\n", *bytes));
     } else {
-      testing::ServeObject({.bytes = *bytes, .etag = etag_}, request, connection);
+      testing::ServeObject({.bytes = *bytes, .etag = Etag()}, request, connection);
     }
+  }
+
+  void SetEtag(std::string etag) {
+    const base::MutexLock lock(&mutex_);
+    etag_ = std::move(etag);
+  }
+  std::string Etag() {
+    const base::MutexLock lock(&mutex_);
+    return etag_;
   }
 
   // A server that says once that it has not this chunk, or these attributes.
@@ -158,10 +168,10 @@ class AddressSourceTest : public testing::FolderTest {
   }
 
   std::string samples_ = testing::Noise(kDims, volume::ScalarType::kUint16);
-  std::string etag_ = "\"v1\"";
-  bool knows_ranges_ = true;
-  bool lies_once_ = false;
+  std::atomic<bool> knows_ranges_ = true;
+  std::atomic<bool> lies_once_ = false;
   base::Mutex mutex_;
+  std::string etag_ ABSL_GUARDED_BY(mutex_) = "\"v1\"";
   std::set<std::string> lies_ ABSL_GUARDED_BY(mutex_);
   std::size_t taken_ = 0;  // requests
   testing::ScriptedServer server_;
@@ -495,7 +505,7 @@ TEST_F(AddressSourceTest, StampsOfAStoreTellNotAll) {
 }
 
 TEST_F(AddressSourceTest, AnObjectWithoutAVersionTellsNotAll) {
-  etag_ = "";
+  SetEtag("");
   dir_.Write("a.nrrd", testing::NrrdHeader(kDims, "uint16", "raw") + samples_);
   const auto files = FilesOf({.path = At("a.nrrd")});
   ASSERT_THAT(files.status(), IsOk());
@@ -506,12 +516,12 @@ TEST_F(AddressSourceTest, AnObjectThatChangesIsNoMixture) {
   const math::Index3 large{256, 256, 64};
   dir_.Write("b.nrrd", testing::NrrdHeader(large, "uint8", "raw") +
                            testing::Noise(large, volume::ScalarType::kUint8));
-  etag_ = "\"w1\"";
+  SetEtag("\"w1\"");
   const auto other = Open({.path = At("b.nrrd")});
   ASSERT_THAT(other.status(), IsOk());
   auto volume = (*other)->Open(0, 0, 0);
   ASSERT_THAT(volume.status(), IsOk());
-  etag_ = "\"w2\"";
+  SetEtag("\"w2\"");
   EXPECT_THAT(testing::ReadAll(**volume, 64).status(), StatusIs(absl::StatusCode::kDataLoss));
 }
 

@@ -6,11 +6,13 @@
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "core/io/file_lock.h"
@@ -34,16 +36,29 @@ using testing::StatusIs;
 class CopyAddressTest : public testing::FolderTest {
  protected:
   CopyAddressTest()
-      : server_([this](const ServedRequest& request, ServedConnection* connection) {
+      : bytes_(RemoteBytes(7 * base::kMiB + 5)),
+        server_([this](const ServedRequest& request, ServedConnection* connection) {
           if (testing::AskedRange(request, 1 << 30).second >= end_) {
             connection->Send(Answer(404, "", ""));
           } else {
-            testing::ServeObject({.bytes = bytes_, .etag = etag_}, request, connection);
+            testing::ServeObject(Served(), request, connection);
           }
-        }),
-        bytes_(RemoteBytes(7 * base::kMiB + 5)) {}
+        }) {
+    Publish();
+  }
+
+  // What the server has from now on: bytes_ and etag_ are the test's own.
+  void Publish() {
+    const base::MutexLock lock(&mutex_);
+    served_ = {.bytes = bytes_, .etag = etag_};
+  }
+  testing::ServedObject Served() {
+    const base::MutexLock lock(&mutex_);
+    return served_;
+  }
 
   absl::StatusOr<CopyReport> Copy(const std::string& path = "/a/vol%20ume.raw") {
+    Publish();
     notes_.clear();
     const base::Cancellation never;
     return CopyAddress(server_.origin() + path, dir_.Sub("out"), QuickOptions(),
@@ -70,12 +85,15 @@ class CopyAddressTest : public testing::FolderTest {
   void BreakAt(std::int64_t end) { end_ = end; }
   void Mend() { end_ = 1 << 30; }
 
-  ScriptedServer server_;
   std::string bytes_;
   std::string etag_ = "\"v1\"";
-  std::atomic<std::int64_t> end_{1 << 30};
   std::int64_t last_done_ = 0;
   std::vector<std::string> notes_;
+  std::atomic<std::int64_t> end_{1 << 30};
+  base::Mutex mutex_;
+  testing::ServedObject served_ ABSL_GUARDED_BY(mutex_);
+  // A copy that failed may leave requests behind: the server ends before what it refers to.
+  ScriptedServer server_;
 };
 
 TEST_F(CopyAddressTest, CopiesTheBytes) {

@@ -4,8 +4,10 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
@@ -13,6 +15,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 #include "tests/support/folder_test.h"
@@ -41,59 +44,89 @@ class CopyFolderTest : public testing::FolderTest {
       : server_([this](const ServedRequest& request, ServedConnection* connection) {
           Serve(request, connection);
         }) {
-    objects_["run/.zgroup"] = "{}";
-    objects_["run/a/0"] = RemoteBytes(1000);
-    objects_["run/a/1 2"] = "";
-    objects_["run/large"] = RemoteBytes(9 * base::kMiB + 3);
+    Put("run/.zgroup", "{}");
+    Put("run/a/0", RemoteBytes(1000));
+    Put("run/a/1 2", "");
+    Put("run/large", RemoteBytes(9 * base::kMiB + 3));
     for (int i = 0; i < 40; ++i) {
-      objects_[absl::StrCat("run/b/", i)] = absl::StrCat("chunk ", i);
+      Put(absl::StrCat("run/b/", i), absl::StrCat("chunk ", i));
     }
-    objects_["runner"] = "another";
+    Put("runner", "another");
   }
 
-  void Serve(const ServedRequest& request, ServedConnection* connection) {
+  void Put(const std::string& key, std::string bytes, const std::string& etag = "\"0\"")
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    objects_[key] = {.bytes = std::move(bytes), .etag = etag};
+  }
+
+  // Requests for this key are answered with 404; none: for an empty key.
+  void Deny(const std::string& key) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    denied_key_ = key;
+  }
+
+  // The answer for this key is half of it, whose head says so.
+  void Cut(const std::string& key) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    cut_key_ = key;
+  }
+
+  void Serve(const ServedRequest& request, ServedConnection* connection)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
     const std::string target = absl::StrReplaceAll(request.target, {{"%20", " "}});
+    const std::string key = absl::StartsWith(target, "/bucket/?") ? "" : target.substr(8);
+    testing::ServedObject object;
+    std::string other_answer;
+    {
+      const base::MutexLock lock(&mutex_);
+      const auto found = objects_.find(key);
+      if (found == objects_.end() || key == denied_key_ || key == cut_key_) {
+        other_answer = AnswerWithoutObject(target, key);
+      } else {
+        object = found->second;
+      }
+    }
+    if (!other_answer.empty()) {
+      connection->Send(other_answer);
+    } else {
+      testing::ServeObject(object, request, connection);
+    }
+  }
+
+  std::string AnswerWithoutObject(const std::string& target, const std::string& key) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (absl::StartsWith(target, "/bucket/?")) {
       std::string contents;
-      for (const auto& [key, bytes] : objects_) {
-        if (absl::StartsWith(key, "run/")) {
-          absl::StrAppend(&contents, "<Contents><Key>", absl::StrReplaceAll(key, {{" ", "+"}}),
-                          "</Key><Size>", bytes.size(), "</Size></Contents>");
+      for (const auto& [listed, object] : objects_) {
+        if (absl::StartsWith(listed, "run/")) {
+          absl::StrAppend(&contents, "<Contents><Key>", absl::StrReplaceAll(listed, {{" ", "+"}}),
+                          "</Key><Size>", object.bytes.size(), "</Size></Contents>");
         }
       }
-      connection->Send(
-          Answer(200, "",
-                 absl::StrCat("<ListBucketResult><EncodingType>url</EncodingType>", contents,
-                              "<IsTruncated>false</IsTruncated>"
-                              "</ListBucketResult>")));
-      return;
+      return Answer(200, "",
+                    absl::StrCat("<ListBucketResult><EncodingType>url</EncodingType>", contents,
+                                 "<IsTruncated>false</IsTruncated></ListBucketResult>"));
     }
-    const std::string key = target.substr(8);  // "/bucket/"
-    if (broken_.contains(key)) {
-      connection->Send(Answer(404, "", ""));
-    } else if (key == cut_key_) {
-      connection->Send(Answer(200, "", objects_[key].substr(0, objects_[key].size() / 2)));
-    } else if (objects_.contains(key)) {
-      testing::ServeObject(
-          {.bytes = objects_[key], .etag = absl::StrCat("\"", versions_[key], "\"")}, request,
-          connection);
-    } else if (absl::EndsWith(target, "/")) {
-      std::set<std::string> names;
-      for (const auto& [other, bytes] : objects_) {
+    if (key == cut_key_) {
+      const std::string& bytes = objects_.at(key).bytes;
+      return Answer(200, "", bytes.substr(0, bytes.size() / 2));
+    }
+    std::set<std::string> names;
+    if (key != denied_key_ && absl::EndsWith(target, "/")) {
+      for (const auto& [other, object] : objects_) {
         if (absl::StartsWith(other, key)) {
           const std::string rest = other.substr(key.size());
           names.insert(rest.substr(
               0, rest.find('/') == std::string::npos ? rest.size() : rest.find('/') + 1));
         }
       }
-      std::string page;
-      for (const std::string& name : names) {
-        absl::StrAppend(&page, "<a href=\"", absl::StrReplaceAll(name, {{" ", "%20"}}), "\">x</a>");
-      }
-      connection->Send(names.empty() ? Answer(404, "", "") : Answer(200, "", page));
-    } else {
-      connection->Send(Answer(404, "", ""));
     }
+    std::string page;
+    for (const std::string& name : names) {
+      absl::StrAppend(&page, "<a href=\"", absl::StrReplaceAll(name, {{" ", "%20"}}), "\">x</a>");
+    }
+    return names.empty() ? Answer(404, "", "") : Answer(200, "", page);
   }
 
   absl::StatusOr<CopyReport> Copy(const std::string& address) {
@@ -107,12 +140,15 @@ class CopyFolderTest : public testing::FolderTest {
                        never);
   }
 
-  void ExpectCopied(const std::string& name = "run") {
-    for (const auto& [key, bytes] : objects_) {
-      if (absl::StartsWith(key, "run/")) {
-        const auto copied = io::ReadWholeFile(dir_.Sub("out/" + name + key.substr(3)), 1 << 30);
-        ASSERT_THAT(copied.status(), testing::IsOk());
-        EXPECT_TRUE(*copied == bytes) << key;
+  void ExpectCopied(const std::string& name = "run") ABSL_LOCKS_EXCLUDED(mutex_) {
+    {
+      const base::MutexLock lock(&mutex_);
+      for (const auto& [key, object] : objects_) {
+        if (absl::StartsWith(key, "run/")) {
+          const auto copied = io::ReadWholeFile(dir_.Sub("out/" + name + key.substr(3)), 1 << 30);
+          ASSERT_THAT(copied.status(), testing::IsOk());
+          EXPECT_TRUE(*copied == object.bytes) << key;
+        }
       }
     }
     std::vector<std::string> names;
@@ -122,12 +158,13 @@ class CopyFolderTest : public testing::FolderTest {
     EXPECT_THAT(names, ElementsAre(name));
   }
 
-  ScriptedServer server_;
-  std::map<std::string, std::string> objects_;
-  std::map<std::string, int> versions_;
-  std::set<std::string> broken_;
-  std::string cut_key_;  // its answer is half of it, whose head says so
   std::vector<std::string> notes_;
+  base::Mutex mutex_;
+  std::map<std::string, testing::ServedObject> objects_ ABSL_GUARDED_BY(mutex_);
+  std::string denied_key_ ABSL_GUARDED_BY(mutex_);
+  std::string cut_key_ ABSL_GUARDED_BY(mutex_);
+  // A copy that failed may leave requests behind: the server ends before what it refers to.
+  ScriptedServer server_;
 };
 
 TEST_F(CopyFolderTest, CopiesWhatS3ListsBelowAPrefix) {
@@ -142,13 +179,13 @@ TEST_F(CopyFolderTest, CopiesWhatS3ListsBelowAPrefix) {
 
 // A small object is one request; that its body is whole is told by the list alone.
 TEST_F(CopyFolderTest, ObjectsHaveTheSizesOfTheList) {
-  cut_key_ = "run/a/0";
+  Cut("run/a/0");
   EXPECT_THAT(
       Copy("s3://bucket/run/").status(),
       StatusIs(absl::StatusCode::kDataLoss,
                ::testing::AllOf(HasSubstr("run/a/0"), HasSubstr("1000 bytes, and has 500"))));
   EXPECT_FALSE(fs::exists(dir_.Sub("out/run")));
-  cut_key_.clear();
+  Cut("");
   ISOSCOPE_ASSERT_OK(Copy("s3://bucket/run/"));
   ExpectCopied();
 }
@@ -166,13 +203,12 @@ TEST_F(CopyFolderTest, CopiesWhatAnIndexLinksTo) {
 }
 
 TEST_F(CopyFolderTest, GoesOnWithWhatIsThereAndHasNotChanged) {
-  broken_.insert("run/b/39");
+  Deny("run/b/39");
   EXPECT_THAT(Copy("s3://bucket/run/").status(), StatusIs(absl::StatusCode::kNotFound));
   EXPECT_FALSE(fs::exists(dir_.Sub("out/run")));
   EXPECT_TRUE(fs::exists(dir_.Sub("out/run.part.record")));
-  broken_.clear();
-  versions_["run/a/0"] = 1;
-  objects_["run/a/0"] = RemoteBytes(1001).substr(1);  // of the same size
+  Deny("");
+  Put("run/a/0", RemoteBytes(1001).substr(1), "\"1\"");  // of the same size
   const std::size_t before = server_.requests().size();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy("s3://bucket/run/"));
   EXPECT_GT(report.kept_bytes, 0);
@@ -188,9 +224,9 @@ TEST_F(CopyFolderTest, GoesOnWithWhatIsThereAndHasNotChanged) {
 }
 
 TEST_F(CopyFolderTest, ARecordOfAnotherFolderIsNotGoneOnWith) {
-  broken_.insert("run/b/39");
+  Deny("run/b/39");
   EXPECT_FALSE(Copy("s3://bucket/run/").ok());
-  broken_.clear();
+  Deny("");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const CopyReport report, Copy(server_.origin() + "/bucket/run/"));
   EXPECT_EQ(report.kept_bytes, 0);
   EXPECT_THAT(notes_, ElementsAre(HasSubstr("begins again")));
@@ -198,7 +234,7 @@ TEST_F(CopyFolderTest, ARecordOfAnotherFolderIsNotGoneOnWith) {
 }
 
 TEST_F(CopyFolderTest, AKeyThatIsFileAndFolderIsRefused) {
-  objects_["run/a"] = "file";
+  Put("run/a", "file");
   EXPECT_THAT(Copy("s3://bucket/run/").status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no disk can hold")));
 }
