@@ -279,7 +279,7 @@ class PartialFrameTest : public ReplicaTest {
 
 TEST_F(PartialFrameTest, ShardsThatAreLostOnTheWayOrBeforeAreMissingInTheSamePicture) {
   RenderResponse first = absl::UnknownError("no answer yet");
-  std::thread frame([&] { first = Render(coordinator_.address, PartialRequest()); });
+  std::jthread frame([&] { first = Render(coordinator_.address, PartialRequest()); });
   ISOSCOPE_ASSERT_OK(holder_.process->WaitForErrLine("holding"));
   holder_.process->Kill();  // some of its pixels are in the picture already
   frame.join();

@@ -1,9 +1,6 @@
 #include "tests/support/process_cluster.h"
 
-#include <unistd.h>
-
 #include <algorithm>
-#include <cstdint>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -13,8 +10,6 @@
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <grpcpp/client_context.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/monotonic_time.h"
@@ -26,6 +21,7 @@
 #include "rpc/channel.h"
 #include "rpc/grpc_status.h"
 #include "rpc/grpc_time.h"
+#include "tests/support/held_port.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/synthetic_fields.h"
 
@@ -51,40 +47,6 @@ std::string Triple(const math::Vec3d& v) {
 }
 
 constexpr absl::string_view kLoopback = "127.0.0.1:";
-
-// A port of 127.0.0.1 that is bound, but not listened on. The kernel does not assign it to other
-// processes, but a server may still listen on it by its number (SO_REUSEADDR).
-class HeldPort {
- public:
-  // `port` 0: any free one. Null if the port is in use.
-  static std::shared_ptr<const HeldPort> Bind(int port) {
-    const int socket_fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    const int yes = 1;
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(port));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof(address);
-    if (socket_fd < 0 || setsockopt(socket_fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof(yes)) != 0 ||
-        bind(socket_fd, reinterpret_cast<const sockaddr*>(&address), size) != 0 ||
-        getsockname(socket_fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) {
-      close(socket_fd);
-      return nullptr;
-    }
-    return std::shared_ptr<const HeldPort>(new HeldPort(socket_fd, ntohs(address.sin_port)));
-  }
-  ~HeldPort() { close(socket_); }
-  HeldPort(const HeldPort&) = delete;
-  HeldPort& operator=(const HeldPort&) = delete;
-
-  [[nodiscard]] std::string address() const { return absl::StrCat(kLoopback, port_); }
-
- private:
-  HeldPort(int socket_fd, int port) : socket_(socket_fd), port_(port) {}
-
-  const int socket_;
-  const int port_;
-};
 
 // Holds the port of "127.0.0.1:PORT", and writes it into the address if it was 0. Null for other
 // addresses, and for a port in use.

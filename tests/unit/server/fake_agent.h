@@ -11,7 +11,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
@@ -22,6 +21,7 @@
 #include "rpc/grpc_status.h"
 #include "rpc/grpc_time.h"
 #include "rpc/unary_checksum.h"
+#include "tests/support/held_port.h"
 #include "tests/unit/server/make_shard.h"
 
 namespace isoscope::testing {
@@ -93,15 +93,20 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
                              isoscope::internal::v1::GetResolvedBlocksResponse*)>
       on_resolved_blocks;
 
-  // On `port`, or a free one.
-  void Start(int port = 0) {
+  // On a port that nobody else has until the next start or its end.
+  void Start() {
+    port_ = HeldPort::Bind(0);
+    StartAgain();
+  }
+  // On the port that it had.
+  void StartAgain() {
+    ISOSCOPE_CHECK(port_ != nullptr);
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder);
     builder.RegisterService(this);
-    auto running = rpc::StartServer(&builder, absl::StrCat("127.0.0.1:", port));
+    auto running = rpc::StartServer(&builder, port_->address());
     ISOSCOPE_CHECK(running.ok());
     server_ = std::move(running->server);
-    port_ = running->port;
   }
   // As if the process were killed: connections are cut.
   void Stop() {
@@ -111,8 +116,7 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
     }
   }
 
-  [[nodiscard]] int port() const { return port_; }
-  [[nodiscard]] std::string address() const { return absl::StrCat("127.0.0.1:", port_); }
+  [[nodiscard]] std::string address() const { return port_->address(); }
 
   grpc::Status DescribeShards(grpc::ServerContext* context,
                               const isoscope::internal::v1::DescribeShardsRequest* request,
@@ -176,8 +180,8 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   }
 
   std::vector<isoscope::internal::v1::ShardDescription> shards_;
+  std::shared_ptr<const HeldPort> port_;
   std::unique_ptr<grpc::Server> server_;
-  int port_ = 0;
 };
 
 // Plays an agent that has nothing to draw, to the end.

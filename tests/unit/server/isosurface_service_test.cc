@@ -426,7 +426,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatDiesDuringTheFrameIsUnavailableNamingIt
                        AllOf(HasSubstr("shard 1"), HasSubstr(second_.address()))));
   // And the one after the agent's return succeeds.
   second_.on_frame = first_.on_frame;
-  second_.Start(second_.port());
+  second_.StartAgain();
   EXPECT_THAT(Render(FrameRequest()), IsOk());
 }
 

@@ -293,21 +293,28 @@ TEST_F(RudeCallersTest, ExportsCountAgainstTheRate) {
 
 // Symptom: histograms waited in one queue for all, and one caller's hundred came before another's.
 TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
-  constexpr int kOfTheOther = 7;  // bins, by which the agent knows whose histogram it is
+  // Bins, by which the agent knows whose histogram it is, and of which attempt.
+  constexpr int kOfRude = 100;
+  constexpr int kOfTheOther = 101;
+  constexpr int kOfAttempt = 2;
   constexpr int kRude = 20;
   // An agent may still be asked when its client has the other one's error, and the test has ended.
   struct Script {
     absl::Mutex mutex;
     bool is_released ABSL_GUARDED_BY(mutex) = false;
-    std::vector<int> asked ABSL_GUARDED_BY(mutex);
+    int attempt ABSL_GUARDED_BY(mutex) = -1;
+    std::vector<int> asked ABSL_GUARDED_BY(mutex);  // less what tells attempts apart
   };
   const auto script = std::make_shared<Script>();
   first_.on_histogram = [script](grpc::ServerContext*,
                                  const internal::GetShardHistogramRequest& request,
                                  internal::GetShardHistogramResponse*) {
     const absl::MutexLock lock(&script->mutex);
-    script->asked.push_back(request.max_bin_count());
-    script->mutex.Await(absl::Condition(&script->is_released));
+    const int bins = request.max_bin_count() - kOfAttempt * script->attempt;
+    if (bins >= kOfRude) {  // else late: of an attempt that is over
+      script->asked.push_back(bins);
+      script->mutex.Await(absl::Condition(&script->is_released));
+    }
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "a script");
   };
   second_.on_histogram = first_.on_histogram;
@@ -322,21 +329,23 @@ TEST_F(RudeCallersTest, HistogramsOfCallersTakeTurns) {
   // Nobody tells who waits in the coordinator. So the callers have more time at each attempt to come
   // there; with one queue for all, no time is enough.
   testing::WithEnoughTime(absl::Milliseconds(200), [&](absl::Duration time) {
+    int attempt = 0;
     {
       const absl::MutexLock lock(&script->mutex);
+      attempt = ++script->attempt;
       script->is_released = false;
       script->asked.clear();
     }
     std::vector<std::thread> clients;
     for (int i = 0; i < kRude; ++i) {
-      clients.emplace_back([&] { ask("rude", 100).IgnoreError(); });
+      clients.emplace_back([&] { ask("rude", kOfRude + kOfAttempt * attempt).IgnoreError(); });
     }
     EXPECT_TRUE(WaitFor([&] {
       const absl::MutexLock lock(&script->mutex);
       return !script->asked.empty();
     }));
     absl::SleepFor(time);  // until the others wait
-    clients.emplace_back([&] { ask("other", kOfTheOther).IgnoreError(); });
+    clients.emplace_back([&] { ask("other", kOfTheOther + kOfAttempt * attempt).IgnoreError(); });
     absl::SleepFor(time);
     {
       const absl::MutexLock lock(&script->mutex);

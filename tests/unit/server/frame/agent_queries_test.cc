@@ -6,9 +6,11 @@
 #include <atomic>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 
@@ -38,6 +40,9 @@ using ::testing::HasSubstr;
 using testing::kLimit;
 using testing::MakeShard;
 using testing::StatusIs;
+
+// After it, a question is also put to another agent (agent_queries.cc).
+constexpr absl::Duration kHedgeDelay = absl::Milliseconds(500);
 
 // Two bins, of values 10 and 11, with these counts.
 void FillPart(std::int64_t lower, std::int64_t upper,
@@ -76,6 +81,12 @@ v1::RenderIsosurfaceRequest RequestThatFits() {
 
 class AgentQueriesTest : public testing::TwoAgentsTest {
  protected:
+  // A question for the box of a surface.
+  struct AskedBox {
+    const FakeAgent* agent = nullptr;
+    internal::GetActiveBoxRequest request;
+  };
+
   AgentQueriesTest() {
     first_.on_histogram = AnswerWith(1, 2);
     second_.on_histogram = AnswerWith(3, 4);
@@ -84,7 +95,7 @@ class AgentQueriesTest : public testing::TwoAgentsTest {
         internal::RenderFrameRequest request;
         stream->Read(&request);
         {
-          const base::MutexLock lock(&begin_mutex_);  // both agents are asked at a time
+          const base::MutexLock lock(&mutex_);
           begin_ = request.begin();
         }
         internal::RenderFrameResponse response;
@@ -92,17 +103,24 @@ class AgentQueriesTest : public testing::TwoAgentsTest {
         stream->Write(response);
         return grpc::Status::OK;
       };
-      agent->on_active_box = [this](const internal::GetActiveBoxRequest& request, auto* response) {
-        ++box_count_;
-        asked_ = request;
+      agent->on_active_box = [this, agent](const internal::GetActiveBoxRequest& request,
+                                           auto* response) {
+        {
+          const base::MutexLock lock(&mutex_);
+          asked_.push_back({agent, request});
+        }
+        if (agent == without_disk_) {
+          return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+        }
         *response = answer_;
         return grpc::Status::OK;
       };
     }
   }
 
-  absl::StatusOr<v1::GetHistogramResponse> Ask(absl::Duration timeout = kLimit) {
-    return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, {}, "", timeout);
+  absl::StatusOr<v1::GetHistogramResponse> Ask(absl::Duration timeout = kLimit,
+                                               const v1::GetHistogramRequest& request = {}) {
+    return Call(datasets_, &v1::DatasetService::Stub::GetHistogram, request, "", timeout);
   }
   absl::StatusOr<v1::Camera> RenderedCamera(const v1::RenderIsosurfaceRequest& request,
                                             absl::Duration timeout = kLimit) {
@@ -110,12 +128,42 @@ class AgentQueriesTest : public testing::TwoAgentsTest {
     return response.camera();
   }
 
-  // Atomic and written before the answer is read; frames follow one another.
-  std::atomic<int> box_count_{0};
-  internal::GetActiveBoxRequest asked_;
-  internal::GetActiveBoxResponse answer_;
-  base::Mutex begin_mutex_;
-  internal::BeginFrame begin_;
+  // Renders other isovalues until it takes less than kHedgeDelay: then no question was put twice. A
+  // late call of a try before has that one's isovalue.
+  absl::StatusOr<v1::RenderIsosurfaceResponse> RenderInTime(v1::RenderIsosurfaceRequest* request) {
+    constexpr int kMostTries = 100;
+    for (int i = 0; i < kMostTries; ++i) {
+      request->set_isovalue(request->isovalue() + 1);
+      const base::MonotonicTime begin = base::MonotonicNow();
+      absl::StatusOr<v1::RenderIsosurfaceResponse> response = Render(*request);
+      if (base::MonotonicNow() - begin < kHedgeDelay) {
+        return response;
+      }
+    }
+    return absl::DeadlineExceededError("every try took too long");
+  }
+  // The questions for the box of this surface.
+  std::vector<AskedBox> AskedFor(double isovalue) ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::vector<AskedBox> found;
+    const base::MutexLock lock(&mutex_);
+    for (const AskedBox& asked : asked_) {
+      if (asked.request.isovalues_size() == 1 && asked.request.isovalues(0) == isovalue) {
+        found.push_back(asked);
+      }
+    }
+    return found;
+  }
+  internal::BeginFrame LastBegin() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return begin_;
+  }
+
+  internal::GetActiveBoxResponse answer_;  // set before the start
+  std::atomic<const FakeAgent*> without_disk_{nullptr};
+  base::Mutex
+      mutex_;  // agents are asked at a time, and a late one may still play what it was asked
+  std::vector<AskedBox> asked_ ABSL_GUARDED_BY(mutex_);
+  internal::BeginFrame begin_ ABSL_GUARDED_BY(mutex_);
 };
 
 TEST_F(AgentQueriesTest, PartsOfAllAgentsAddUpAndEachIsAskedForItsOwnShards) {
@@ -244,101 +292,102 @@ TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhileOneHangs) {
 }
 
 TEST_F(ReplicaQueriesTest, WhereAllHangTheErrorIsTheDeadlines) {
+  // By bins, which tell attempts apart: an agent may begin with a call whose client has gone.
+  base::Mutex mutex;
+  std::map<int, int> counts;
   for (FakeAgent* agent : {&first_, &second_}) {
-    agent->on_histogram = [&](grpc::ServerContext* context, const auto&, auto*) {
-      ++asked_count_;
+    agent->on_histogram = [&](grpc::ServerContext* context,
+                              const internal::GetShardHistogramRequest& request, auto*) {
+      {
+        const base::MutexLock lock(&mutex);
+        ++counts[request.max_bin_count()];
+      }
       return HangUntilCancelled(context);
     };
   }
   const Running running = Start();
-  testing::WithEnoughTime(absl::Milliseconds(800), [this](absl::Duration time) {
-    asked_count_ = 0;
-    EXPECT_THAT(Ask(time), StatusIs(absl::StatusCode::kDeadlineExceeded));
-    EXPECT_LE(asked_count_, 2);
-    return asked_count_ == 2;
+  v1::GetHistogramRequest request;
+  request.set_max_bin_count(100);
+  testing::WithEnoughTime(absl::Milliseconds(800), [&](absl::Duration time) {
+    request.set_max_bin_count(request.max_bin_count() + 1);
+    EXPECT_THAT(Ask(time, request), StatusIs(absl::StatusCode::kDeadlineExceeded));
+    const base::MutexLock lock(&mutex);
+    const int count = counts[request.max_bin_count()];
+    EXPECT_LE(count, 2);
+    return count == 2;
   });
 }
 
 // The frames of one client, whose time is short, are done by the replica. Others still come to the
 // agent that has their blocks.
 TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
-  std::atomic<bool> is_slow{false};
   std::atomic<FakeAgent*> slow{nullptr};
-  std::atomic<FakeAgent*> last{nullptr};
   for (FakeAgent* agent : {&first_, &second_}) {
     agent->on_frame = [&, agent](grpc::ServerContext* context, FakeAgent::FrameStream* stream) {
-      last = agent;
-      if (is_slow && agent == slow) {
-        return HangUntilCancelled(context);
-      }
-      return testing::PlayEmptyFrame(stream);
+      return agent == slow ? HangUntilCancelled(context) : testing::PlayEmptyFrame(stream);
     };
   }
   const Running running = Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
   request.clear_camera_fit();
-  ISOSCOPE_ASSERT_OK(Render(request));
-  slow = last.load();
-  is_slow = true;
+  // The agent that did it.
+  const auto agent_of = [](const v1::RenderIsosurfaceResponse& response) {
+    EXPECT_EQ(response.statistics().agents_size(), 1);
+    return response.statistics().agents(0).agent_address();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse before, Render(request));
+  const std::string best = agent_of(before);
+  slow = best == first_.address() ? &first_ : &second_;
   // A replica under load may need longer. More time would be no hurry.
   constexpr int kMostAttempts = 50;
   int done_count = 0;
   absl::Duration longest;
   for (int attempt = 0; done_count < 3 && attempt < kMostAttempts; ++attempt) {
     const base::MonotonicTime begin = base::MonotonicNow();
-    const absl::Status status = Render(request, absl::Milliseconds(400)).status();
-    if (status.ok()) {
+    const auto response = Render(request, absl::Milliseconds(400));
+    if (response.ok()) {
       ++done_count;
-      EXPECT_NE(last.load(), slow.load()) << "the replica did it";
+      EXPECT_NE(agent_of(*response), best) << "the replica did it";
     } else {
-      EXPECT_THAT(status, StatusIs(absl::StatusCode::kDeadlineExceeded));
+      EXPECT_THAT(response, StatusIs(absl::StatusCode::kDeadlineExceeded));
     }
     longest = std::max(longest, base::MonotonicNow() - begin);
   }
   EXPECT_EQ(done_count, 3);
-  is_slow = false;
-  ISOSCOPE_ASSERT_OK(Render(request));
+  slow = nullptr;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse after, Render(request));
   // An agent that was waited for as long as kLateAfter, while the machine stood still, is avoided.
   if (longest < ReplicaBoard::kLateAfter) {
-    EXPECT_EQ(last.load(), slow.load()) << "it was avoided";
+    EXPECT_EQ(agent_of(after), best) << "it was avoided";
   }
 }
 
-// After it, a question is also put to another agent (agent_queries.cc).
-constexpr absl::Duration kHedgeDelay = absl::Milliseconds(500);
-
 // All agents know all ranges.
 TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails) {
-  std::atomic<int> counts[2] = {0, 0};
-  std::atomic<bool> fails{false};
-  for (const int i : {0, 1}) {
-    FakeAgent& agent = i == 0 ? first_ : second_;
-    agent.on_active_box = [&, i](const internal::GetActiveBoxRequest&, auto*) {
-      ++counts[i];
-      return fails && i == 0 ? grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes")
-                             : grpc::Status::OK;
-    };
-  }
   const Running running = Start();
-  testing::WithEnoughTime(kHedgeDelay, [&](absl::Duration /*limit*/) {
-    counts[0] = 0;
-    counts[1] = 0;
-    absl::Duration longest;
-    for (int i = 0; i < 6; ++i) {
-      const base::MonotonicTime begin = base::MonotonicNow();
-      ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
-      longest = std::max(longest, base::MonotonicNow() - begin);
+  v1::RenderIsosurfaceRequest request = RequestThatFits();
+  constexpr int kMostFrames = 200;
+  int in_time_count = 0;
+  const FakeAgent* of_even_turns = nullptr;
+  for (int turn = 0; in_time_count < 6 && turn < kMostFrames; ++turn) {
+    request.set_isovalue(request.isovalue() + 1);
+    const base::MonotonicTime begin = base::MonotonicNow();
+    ISOSCOPE_ASSERT_OK(Render(request));
+    if (base::MonotonicNow() - begin >= kHedgeDelay) {  // then the other agent is asked, too
+      continue;
     }
-    if (longest >= kHedgeDelay) {  // then the other agent is asked, too
-      return false;
-    }
-    EXPECT_EQ(counts[0], 3);
-    EXPECT_EQ(counts[1], 3);
-    return true;
-  });
-  fails = true;
+    ++in_time_count;
+    const std::vector<AskedBox> asked = AskedFor(request.isovalue());
+    ASSERT_EQ(asked.size(), 1U);
+    const FakeAgent* const other = asked[0].agent == &first_ ? &second_ : &first_;
+    const FakeAgent* const of_even = turn % 2 == 0 ? asked[0].agent : other;
+    EXPECT_TRUE(of_even_turns == nullptr || of_even == of_even_turns) << "frame " << turn;
+    of_even_turns = of_even;
+  }
+  EXPECT_EQ(in_time_count, 6);
+  without_disk_ = &first_;
   for (int i = 0; i < 2; ++i) {
-    ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
+    ISOSCOPE_EXPECT_OK(Render(request));
   }
 }
 
@@ -379,19 +428,19 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   }
   const Running running = Start();
   v1::RenderIsosurfaceRequest request = RequestThatFits();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera by_default, RenderedCamera(request));
-  EXPECT_EQ(box_count_, 1) << "one agent knows all ranges";
-  EXPECT_EQ(asked_.isovalues_size(), 1);
-  EXPECT_EQ(asked_.isovalues(0), 100);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse first, RenderInTime(&request));
+  EXPECT_EQ(AskedFor(request.isovalue()).size(), 1U) << "one agent knows all ranges";
+  const v1::Camera& by_default = first.camera();
   EXPECT_EQ(by_default.SerializeAsString(),
             wire::ToProto(view::MakeDefaultCamera(BoxOf(4, 8))).SerializeAsString());
-  EXPECT_EQ(begin_.frame().camera().SerializeAsString(), by_default.SerializeAsString());
+  EXPECT_EQ(LastBegin().frame().camera().SerializeAsString(), by_default.SerializeAsString());
 
   view::Camera given = view::MakeDefaultCamera(BoxOf(0, 8));
   view::Azimuth(0.5, &given);
   view::Zoom(2, &given);
   *request.mutable_camera() = wire::ToProto(given);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera moved, RenderedCamera(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse second, RenderInTime(&request));
+  const v1::Camera& moved = second.camera();
   const view::Camera expected = view::MoveToBox(
       wire::CameraFromProto(request.camera(), "camera").value(), BoxOf(0, 8), BoxOf(4, 8));
   EXPECT_EQ(moved.SerializeAsString(), wire::ToProto(expected).SerializeAsString());
@@ -401,7 +450,7 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   *request.mutable_camera() = moved;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera again, RenderedCamera(request));
   EXPECT_EQ(again.SerializeAsString(), moved.SerializeAsString());
-  EXPECT_EQ(box_count_, 2);
+  EXPECT_EQ(AskedFor(request.isovalue()).size(), 1U) << "not asked for this one";
 }
 
 // Sets a box of cells, the same on all axes.
@@ -501,8 +550,10 @@ class DepthBoundsQueriesTest : public AgentQueriesTest {
     for (const int i : {0, 1}) {
       (i == 0 ? first_ : second_).on_depth_bounds =
           [this, i](const internal::GetDepthBoundsRequest& asked, auto* response) {
-            const base::MutexLock lock(&mutex_);
-            asked_.push_back(asked);
+            {
+              const base::MutexLock lock(&mutex_);
+              asked_bounds_.push_back(asked);
+            }
             if (fails_[i]) {
               return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
             }
@@ -524,8 +575,20 @@ class DepthBoundsQueriesTest : public AgentQueriesTest {
     return request;
   }
 
-  base::Mutex mutex_;
-  std::vector<internal::GetDepthBoundsRequest> asked_;
+  // The questions for the bounds of this surface.
+  std::vector<internal::GetDepthBoundsRequest> BoundsAskedFor(double isovalue)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::vector<internal::GetDepthBoundsRequest> found;
+    const base::MutexLock lock(&mutex_);
+    for (const internal::GetDepthBoundsRequest& asked : asked_bounds_) {
+      if (asked.frame().surfaces_size() == 1 && asked.frame().surfaces(0).isovalue() == isovalue) {
+        found.push_back(asked);
+      }
+    }
+    return found;
+  }
+
+  std::vector<internal::GetDepthBoundsRequest> asked_bounds_ ABSL_GUARDED_BY(mutex_);
   std::atomic<bool> fails_[2] = {false, false};
   std::function<void(internal::GetDepthBoundsResponse*)> change_ = [](auto*) {};
 };
@@ -538,14 +601,16 @@ TEST_F(DepthBoundsQueriesTest, ThePlaneIsTheLeastAndTheGreatestOfAllPartsAndNoth
     };
   }
   const Running running = Start();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(Request()));
-  EXPECT_EQ(asked_.size(), 2U);
-  for (const internal::GetDepthBoundsRequest& asked : asked_) {
+  v1::RenderIsosurfaceRequest request = Request();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response,
+                                RenderInTime(&request));
+  const std::vector<internal::GetDepthBoundsRequest> all_asked = BoundsAskedFor(request.isovalue());
+  ASSERT_EQ(all_asked.size(), 2U);
+  for (const internal::GetDepthBoundsRequest& asked : all_asked) {
     EXPECT_EQ(asked.part_count(), 2);
     EXPECT_TRUE(asked.frame().has_camera());
-    EXPECT_EQ(asked.frame().surfaces_size(), 1);
   }
-  EXPECT_NE(asked_[0].part_index(), asked_[1].part_index());
+  EXPECT_NE(all_asked[0].part_index(), all_asked[1].part_index());
   const std::string& plane = response.depth_bounds();
   ASSERT_EQ(plane.size(), std::size_t{8} * 8 * 8);
   const auto at = [&](std::size_t pixel, std::size_t channel) {
@@ -717,7 +782,9 @@ TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
   *clip->mutable_box()->mutable_min() = wire::ToProto(math::Vec3d{2, 2, 2});
   *clip->mutable_box()->mutable_max() = wire::ToProto(math::Vec3d{6, 6, 6});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, RenderedCamera(request));
-  EXPECT_EQ(asked_.clip().SerializeAsString(), clip->SerializeAsString());
+  const std::vector<AskedBox> asked = AskedFor(request.isovalue());
+  ASSERT_FALSE(asked.empty());
+  EXPECT_EQ(asked[0].request.clip().SerializeAsString(), clip->SerializeAsString());
   EXPECT_EQ(camera.SerializeAsString(),
             wire::ToProto(view::MakeDefaultCamera(BoxOf(2, 6))).SerializeAsString());
 }
@@ -733,9 +800,13 @@ TEST_F(AgentQueriesTest, ABoxOutsideTheVolumeIsAnInternalError) {
   answer_.set_active_block_count(1);
   answer_.mutable_end_cell()->set_x(9);
   const Running running = Start();
-  EXPECT_THAT(Render(RequestThatFits()),
+  v1::RenderIsosurfaceRequest request = RequestThatFits();
+  const absl::Status status = RenderInTime(&request).status();
+  const std::vector<AskedBox> asked = AskedFor(request.isovalue());
+  ASSERT_EQ(asked.size(), 1U);
+  EXPECT_THAT(status,
               StatusIs(absl::StatusCode::kInternal,
-                       AllOf(HasSubstr(first_.address()), HasSubstr("malformed"))));
+                       AllOf(HasSubstr(asked[0].agent->address()), HasSubstr("malformed"))));
 }
 
 }  // namespace

@@ -196,7 +196,7 @@ class ApiTest : public ::testing::Test {
 
   // An answer comes shortly before its place is free.
   void AwaitPlaces() {
-    const base::MonotonicTime limit = base::MonotonicNow() + absl::Seconds(20);
+    const base::MonotonicTime limit = base::MonotonicNow() + absl::Seconds(60);
     while (api_->pictures_in_work() > 0 && base::MonotonicNow() < limit) {
       absl::SleepFor(absl::Milliseconds(1));
     }

@@ -1,11 +1,11 @@
 #include "clients/cpp/connection/service_client.h"
 
 #include <atomic>
-#include <functional>
+#include <map>
 #include <memory>
 #include <string>
-#include <utility>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
@@ -16,6 +16,7 @@
 #include <grpcpp/server_builder.h>
 
 #include "core/base/monotonic_time.h"
+#include "core/base/mutex.h"
 #include "core/base/retry_delay.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
@@ -73,9 +74,39 @@ class HangingCluster final : public v1::ClusterService::Service {
   }
 };
 
+struct ExportScript {
+  int sign_count = 0;
+  absl::Duration slow_pause = absl::InfiniteDuration();  // between two signs
+  int chunk_count = 0;
+  int refusal_count = 0;
+  bool hangs = true;
+};
+
+// The exports of one request, and what came of them.
+struct ScriptedExport {
+  explicit ScriptedExport(const ExportScript& what)
+      : script(what), refusals_left(what.refusal_count) {}
+
+  // A call may go on after its client has left: another script is another request.
+  const ExportScript script;
+  v1::ExportIsosurfaceRequest request;
+  std::atomic<int> refusals_left;
+  std::atomic<bool> was_slow{false};
+  std::atomic<int> export_count{0};
+};
+
 // Hangs, after some parts or chunks.
 class HangingSurfaces final : public v1::IsosurfaceService::Service {
  public:
+  ScriptedExport& Serve(const ExportScript& script) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    const std::string dataset = absl::StrCat("dataset ", exports_.size());
+    ScriptedExport& served =
+        *exports_.emplace(dataset, std::make_unique<ScriptedExport>(script)).first->second;
+    served.request.set_dataset(dataset);
+    return served;
+  }
+
   grpc::Status RenderIsosurface(grpc::ServerContext* context, const v1::RenderIsosurfaceRequest*,
                                 v1::RenderIsosurfaceResponse*) override {
     return Hang(context);
@@ -90,13 +121,18 @@ class HangingSurfaces final : public v1::IsosurfaceService::Service {
                            v1::PickSurfaceResponse*) override {
     return Hang(context);
   }
-  grpc::Status ExportIsosurface(grpc::ServerContext* context, const v1::ExportIsosurfaceRequest*,
+  grpc::Status ExportIsosurface(grpc::ServerContext* context,
+                                const v1::ExportIsosurfaceRequest* request,
                                 grpc::ServerWriter<v1::ExportIsosurfaceResponse>* writer) override {
+    ScriptedExport& served = Find(request->dataset());
+    const ExportScript& script = served.script;
     base::MonotonicTime last = base::MonotonicNow();
-    for (int i = 0; i < sign_count; ++i) {
+    for (int i = 0; i < script.sign_count; ++i) {
       absl::SleepFor(kSignInterval);
       const base::MonotonicTime now = base::MonotonicNow();
-      was_slow = was_slow || now - last > slow_pause;
+      if (now - last > script.slow_pause) {
+        served.was_slow = true;
+      }
       last = now;
       if (!writer->Write({})) {
         return grpc::Status::CANCELLED;
@@ -104,26 +140,27 @@ class HangingSurfaces final : public v1::IsosurfaceService::Service {
     }
     v1::ExportIsosurfaceResponse chunk;
     chunk.mutable_measures();
-    for (int i = 0; i < chunk_count; ++i) {
+    for (int i = 0; i < script.chunk_count; ++i) {
       writer->Write(chunk);
     }
-    ++export_count;
-    if (hangs) {
+    ++served.export_count;
+    if (script.hangs) {
       return Hang(context);
     }
-    return refusals_left-- > 0
+    return served.refusals_left-- > 0
                ? rpc::ToGrpcStatus(base::WithRetryDelay(
                      absl::UnavailableError("an agent is restarting"), absl::Milliseconds(1)))
                : grpc::Status::OK;
   }
 
-  int sign_count = 0;
-  absl::Duration slow_pause = absl::InfiniteDuration();  // between two signs
-  std::atomic<bool> was_slow{false};
-  int chunk_count = 0;
-  std::atomic<int> export_count{0};
-  std::atomic<int> refusals_left{0};
-  bool hangs = true;
+ private:
+  ScriptedExport& Find(const std::string& dataset) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return *exports_.at(dataset);
+  }
+
+  base::Mutex mutex_;
+  std::map<std::string, std::unique_ptr<ScriptedExport>> exports_ ABSL_GUARDED_BY(mutex_);
 };
 
 class ServiceClientTest : public ::testing::Test {
@@ -156,12 +193,12 @@ TEST_F(ServiceClientTest, EveryCallToAServerThatNeverAnswersEndsAndNamesTheFlag)
   EXPECT_THAT(client_->RenderIsosurfaceStream({}, kShort), ends);
   EXPECT_THAT(client_->PickSurface({}, kShort), ends);
   const auto ignore = [](const v1::ExportIsosurfaceResponse&) { return absl::OkStatus(); };
-  EXPECT_THAT(client_->ExportIsosurface({}, kShort, ignore), ends);
+  EXPECT_THAT(client_->ExportIsosurface(surfaces_.Serve({}).request, kShort, ignore), ends);
 }
 
 TEST_F(ServiceClientTest, AnExportWithoutADeadlineEndsWhenTheServerIsSilent) {
   for (const int chunk_count : {0, 3}) {
-    surfaces_.chunk_count = chunk_count;
+    const ScriptedExport& served = surfaces_.Serve({.chunk_count = chunk_count});
     isoscope::testing::WithEnoughTime(absl::Milliseconds(500), [&](absl::Duration silence) {
       int seen = 0;
       const auto count = [&](const v1::ExportIsosurfaceResponse&) {
@@ -169,7 +206,7 @@ TEST_F(ServiceClientTest, AnExportWithoutADeadlineEndsWhenTheServerIsSilent) {
         return absl::OkStatus();
       };
       EXPECT_THAT(
-          client_->ExportIsosurface({}, absl::InfiniteDuration(), count, silence),
+          client_->ExportIsosurface(served.request, absl::InfiniteDuration(), count, silence),
           StatusIs(
               absl::StatusCode::kDeadlineExceeded,
               AllOf(HasSubstr(absl::StrCat("sent nothing for ", absl::FormatDuration(silence))),
@@ -182,40 +219,38 @@ TEST_F(ServiceClientTest, AnExportWithoutADeadlineEndsWhenTheServerIsSilent) {
 
 // Signs of life are no chunks: the client waits on, and may still try again.
 TEST_F(ServiceClientTest, AServerThatWorksForLongIsWaitedForWhileItTellsSo) {
-  surfaces_.chunk_count = 1;
-  surfaces_.hangs = false;
   int seen = 0;
   const auto count = [&](const v1::ExportIsosurfaceResponse&) {
     ++seen;
     return absl::OkStatus();
   };
   isoscope::testing::WithEnoughTime(absl::Seconds(2), [&](absl::Duration silence) {
-    surfaces_.sign_count = static_cast<int>(1.5 * silence / kSignInterval);
-    surfaces_.slow_pause = silence / 4;
-    surfaces_.was_slow = false;
+    seen = 0;
+    const ScriptedExport& served =
+        surfaces_.Serve({.sign_count = static_cast<int>(1.5 * silence / kSignInterval),
+                         .slow_pause = silence / 4,
+                         .chunk_count = 1,
+                         .hangs = false});
     const absl::Status status =
-        client_->ExportIsosurface({}, absl::InfiniteDuration(), count, silence);
-    if (absl::IsDeadlineExceeded(status) && surfaces_.was_slow) {
+        client_->ExportIsosurface(served.request, absl::InfiniteDuration(), count, silence);
+    if (absl::IsDeadlineExceeded(status) && served.was_slow) {
       return false;  // it did not tell so in time
     }
     EXPECT_THAT(status, IsOk());
     return true;
   });
   EXPECT_EQ(seen, 1);
-  surfaces_.sign_count = 1;
-  surfaces_.chunk_count = 0;
-  surfaces_.export_count = 0;
-  surfaces_.refusals_left = 1;
-  EXPECT_THAT(client_->ExportIsosurface({}, absl::Seconds(60), count), IsOk());
-  EXPECT_EQ(surfaces_.export_count, 2);
+  const ScriptedExport& refused =
+      surfaces_.Serve({.sign_count = 1, .refusal_count = 1, .hangs = false});
+  EXPECT_THAT(client_->ExportIsosurface(refused.request, absl::Seconds(60), count), IsOk());
+  EXPECT_EQ(refused.export_count, 2);
   EXPECT_EQ(seen, 1);
 }
 
 TEST_F(ServiceClientTest, AnExportWhoseChunksComeIsReadToItsEnd) {
-  surfaces_.chunk_count = 5;
-  surfaces_.hangs = false;
   int seen = 0;
-  EXPECT_THAT(client_->ExportIsosurface({}, absl::InfiniteDuration(),
+  EXPECT_THAT(client_->ExportIsosurface(surfaces_.Serve({.chunk_count = 5, .hangs = false}).request,
+                                        absl::InfiniteDuration(),
                                         [&](const v1::ExportIsosurfaceResponse&) {
                                           ++seen;
                                           return absl::OkStatus();
@@ -226,21 +261,19 @@ TEST_F(ServiceClientTest, AnExportWhoseChunksComeIsReadToItsEnd) {
 
 // Visited chunks can't be undone: a second attempt would repeat the first chunks of a mesh.
 TEST_F(ServiceClientTest, AnExportThatBreaksIsTriedAgainOnlyBeforeItsFirstChunk) {
-  surfaces_.hangs = false;
-  surfaces_.refusals_left = 1;
   int seen = 0;
   const auto count = [&](const v1::ExportIsosurfaceResponse&) {
     ++seen;
     return absl::OkStatus();
   };
-  EXPECT_THAT(client_->ExportIsosurface({}, absl::Seconds(60), count), IsOk());
-  EXPECT_EQ(surfaces_.export_count, 2);
-  surfaces_.export_count = 0;
-  surfaces_.refusals_left = 1;
-  surfaces_.chunk_count = 2;
-  EXPECT_THAT(client_->ExportIsosurface({}, absl::Seconds(60), count),
+  const ScriptedExport& before = surfaces_.Serve({.refusal_count = 1, .hangs = false});
+  EXPECT_THAT(client_->ExportIsosurface(before.request, absl::Seconds(60), count), IsOk());
+  EXPECT_EQ(before.export_count, 2);
+  const ScriptedExport& after =
+      surfaces_.Serve({.chunk_count = 2, .refusal_count = 1, .hangs = false});
+  EXPECT_THAT(client_->ExportIsosurface(after.request, absl::Seconds(60), count),
               StatusIs(absl::StatusCode::kUnavailable, HasSubstr("restarting")));
-  EXPECT_EQ(surfaces_.export_count, 1);
+  EXPECT_EQ(after.export_count, 1);
   EXPECT_EQ(seen, 2);
 }
 
