@@ -25,6 +25,20 @@ if base.webdriver is not None:
     from selenium.webdriver.common.keys import Keys
 
 
+class PageTest(base.PageTest):
+    # Whether the controls are drawn of the dataset, which may come after the picture.
+    IS_DRAWN = 'document.getElementById("facts").textContent !== ""'
+
+    def open_and_wait(self, *args, **kwargs):
+        self.open(*args, **kwargs)
+        self.until(f'isoscope.view.isExact && {self.IS_DRAWN}')
+
+    def choose(self, menu, value):
+        """Chooses an entry of a menu by its id, once the page has it."""
+        self.until(f'[...document.getElementById("{menu}").options].some((one) => one.value === "{value}")')
+        self.js("const [id, value] = arguments; const menu = document.getElementById(id); menu.value = value; menu.dispatchEvent(new Event('change'));", menu, value)
+
+
 class DoorTest(base.PageTest):
     TOKEN = base.TokenTest.TOKEN
     IS_CLOSED = '!document.getElementById("door").hidden'
@@ -213,6 +227,151 @@ class UndoTest(base.PageTest):
         self.browser.find_element(By.ID, 'undo').click()
         self.until('isoscope.view.isExact && isoscope.view.state.dataset === "ball" && document.getElementById("dataset").value === "ball"')
         self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+
+class LateTest(PageTest):
+    """Answers that come late, while the view goes on."""
+    SURFACES = 'isoscope.view.state.surfaces.map((one) => one.isovalue).join()'
+    EYE = 'isoscope.view.camera.eye'
+
+    @contextlib.contextmanager
+    def held(self, addresses):
+        """Answers to these addresses, a regular expression, wait until the end of it."""
+        self.gateway.control(hold=addresses)
+        try:
+            yield
+        finally:
+            self.gateway.control(hold=None)
+
+    def until_held(self, count=1):
+        end = time.monotonic() + base.PATIENCE_S
+        while len(self.gateway.control()['held']) < count:
+            self.assertLess(time.monotonic(), end, 'nothing was asked for')
+            time.sleep(0.02)
+
+    def test_the_legend_names_the_axes_of_a_dataset_that_comes_after_the_picture(self):
+        with self.held('^/v1/datasets/patient$'):
+            self.open('#dataset=patient&surface=40&color-by=z:viridis')
+            self.until('isoscope.view.isExact && !document.getElementById("legend").hidden && !isoscope.view.dataset')
+        self.until('/position S/.test(document.getElementById("legend").textContent)')
+
+    def test_a_view_that_people_turn_before_the_page_is_whole_stays_turned(self):
+        self.open_and_wait('#dataset=ball&surface=40:1,0,0')
+        self.until('/eye=/.test(location.hash)')
+        link = self.js('return location.hash')
+        self.addCleanup(lambda: self.gateway.control(broken=None))
+        self.gateway.control(broken='^/v1/datasets$|/histogram[?]')
+        self.open_and_wait(link)
+        self.until('document.getElementById("toast").textContent')  # with the next connection the datasets are asked for again
+        self.gateway.control(broken=None)
+        with self.held('/histogram'):
+            self.gateway.control(drop=[1001, ''])
+            self.until_held()
+            self.until_exact()
+            before = self.js(f'return {self.EYE}')
+            self.drag(120, 40)
+            turned = self.js(f'return {self.EYE}')
+            self.assertNotEqual(before, turned)
+        self.until('isoscope.view.state.withNotes && isoscope.view.isExact')
+        self.assertEqual(turned, self.js(f'return {self.EYE}'))
+
+    def test_a_view_that_people_turn_while_another_field_comes_stays_turned(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1')
+        with self.held('/histogram'):
+            self.choose('field', 'velocity:x')
+            self.until_held()
+            before = self.js(f'return {self.EYE}')
+            self.drag(120, 40)
+            turned = self.js(f'return {self.EYE}')
+            self.assertNotEqual(before, turned)
+        self.until('isoscope.view.isExact && isoscope.view.state.selection.field === "velocity"')
+        self.assertEqual(turned, self.js(f'return {self.EYE}'))
+
+    def test_undo_pressed_twice_while_the_dataset_before_comes_goes_back_twice(self):
+        self.open_and_wait('#dataset=ball&surface=55')
+        self.until_kept()
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 60 }] })')
+        self.until_kept()
+        self.choose('dataset', 'patient')
+        self.until('isoscope.view.isExact && isoscope.view.state.dataset === "patient"')
+        self.until_kept()
+        with self.held('^/v1/datasets/ball/histogram'):
+            self.js('for (const time of [1, 2]) document.getElementById("undo").click()')
+            self.until_held()
+        self.until(f'isoscope.view.isExact && isoscope.view.state.dataset === "ball" && {self.SURFACES} === "55"')
+        self.assertTrue(self.js('return document.getElementById("undo").disabled && !document.getElementById("redo").disabled'))
+
+    def test_undo_ends_the_way_to_another_dataset(self):
+        self.open_and_wait('#dataset=ball&surface=55')
+        self.until_kept()
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 60 }] })')
+        self.until_kept()
+        with self.held('^/v1/datasets/patient/histogram'):
+            self.choose('dataset', 'patient')
+            self.until_held()
+            self.js('document.getElementById("undo").click()')
+        self.until(f'isoscope.view.isExact && {self.SURFACES} === "55"')
+        self.assertEqual(['ball', '55'], self.until_still(lambda: self.js(f'return [document.getElementById("dataset").value, {self.SURFACES}]')))
+
+    def test_a_page_that_is_drawn_while_another_dataset_comes_does_not_ask_for_the_counts_before(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        with self.held('/histogram'):
+            self.choose('dataset', 'organs')
+            self.until_held()
+            # The counts of another step are asked for after 250 ms of rest.
+            self.js('window.isLater = false; window.dispatchEvent(new Event("resize")); setTimeout(() => { window.isLater = true; }, 600)')
+            self.until('isLater')
+            self.assertEqual(1, len(self.gateway.control()['held']))
+        self.until('isoscope.view.isExact && isoscope.view.state.dataset === "organs"')
+        self.assertEqual([[1], [2], [3]], self.js('return isoscope.view.state.surfaces.map(({ labels }) => labels)'))
+
+    def test_a_point_of_the_dataset_before_is_not_added(self):
+        self.open_and_wait('#dataset=ball&surface=40')
+        with self.held('/pick$'):
+            self.click(self.browser.find_element(By.ID, 'view'), 10, 10)
+            self.until_held()
+            self.choose('dataset', 'patient')
+            self.until('isoscope.view.isExact && isoscope.view.state.dataset === "patient"')
+        self.assertEqual(0, self.until_still(lambda: self.js('return isoscope.view.loop.overlay.pins.length')))
+        self.assertGreaterEqual(self.gateway.control()['picks'], 1)
+
+    def test_colours_take_the_range_of_the_step_though_the_dataset_has_grown_meanwhile(self):
+        self.open_and_wait('#dataset=flow&surface=40&step=1&color-by=velocity:x:viridis')
+        self.until('document.getElementById("range-step").offsetHeight > 0')
+        with self.held('/histogram.bins=4096'):
+            self.js('document.getElementById("range-step").click()')
+            self.until_held()
+            self.gateway.control(steps=7)
+            self.until('isoscope.view.dataset.timeSteps.length === 7')
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].colorBy.range?.max === 50')
+
+    def test_a_range_of_values_that_colour_no_more_is_not_taken(self):
+        self.gateway.control(features=['notes', 'color_ranges'])
+        self.open_and_wait('#dataset=ball&surface=40&color-by=z:viridis')
+        self.until('document.getElementById("range-visible").offsetHeight > 0')
+        with self.held('/render$'):
+            self.js('document.getElementById("range-visible").click()')
+            self.until_held()
+            self.choose('quantity', 'x')
+        self.until('isoscope.view.isExact && !document.getElementById("range-visible").disabled')
+        self.assertEqual(['QUANTITY_POSITION_X', None],
+                         self.js('const { quantity, range } = isoscope.view.state.surfaces[0].colorBy; return [quantity, range ?? null]'))
+
+    def test_notes_of_surfaces_before_are_not_said_of_those_of_now(self):
+        self.gateway.control(note='so says the server')
+        self.open_and_wait()
+        # The exact picture of 50 comes when 60 is asked for.
+        self.js("""const { view } = isoscope; const { frames } = view.loop; const receive = frames.receive.bind(frames);
+            frames.receive = (message) => {
+              if (message.header?.isExact && window.told === undefined) {
+                window.told = [];
+                view.addEventListener('frame', () => told.push(document.getElementById('notes').textContent));
+                view.update({ surfaces: [{ isovalue: 60 }] });
+              }
+              receive(message); };
+            view.update({ surfaces: [{ isovalue: 50 }] });""")
+        self.until('window.told?.includes("so says the server") && isoscope.view.isExact')
+        self.assertEqual('', self.js('return told[0]'))
 
 
 class HelpTest(base.PageTest):
