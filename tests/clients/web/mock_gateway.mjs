@@ -15,7 +15,7 @@
 // {tiles, bytes, seconds}: what an exact picture costs, and how many of its 12 tiles may come: the picture itself comes after the
 // last | null: pictures do not refine; `levels`: how many each dataset has; `unresolved`: blocks, of coarse pictures; `hold`: a regular expression of
 // addresses whose answers wait until it is another one | null; `broken`: one of addresses that fail | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
-// states, picks: n, renders: [requests], targets: [addresses below /v1/], held: [addresses]}.
+// states, picks: n, tiles: of a stream, renders: [requests], targets: [addresses below /v1/], held: [addresses]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
 import { createServer } from 'node:http';
@@ -222,7 +222,7 @@ export function gridOf(image, columns) {
 // ---- the server ----
 
 const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false, hidden: null, refine: null, levels: 0, unresolved: 0, hold: null, broken: null };
-const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 };
+const seen = { shown: [], states: 0, first: null, last: null, picks: 0, tiles: 0, renders: [], targets: [], webps: 0 };
 const streams = new Set();
 /** @type {{url: string, answerNow: () => void}[]} */
 const held = [];
@@ -252,6 +252,7 @@ function sendMessage(stream, header, parts) {
 /** Draws a tile of the exact picture: borders of the last ones are those of the picture. */
 function answerTile(stream, state, index) {
   const { widthPx, heightPx } = state.frame.viewport;
+  seen.tiles = stream.tiles += 1;
   stream.image ??= draw(state.frame, { width: widthPx, height: heightPx });
   const [column, row] = [index % TILES.columns, Math.floor(index / TILES.columns)];
   const [x, right] = [column, column + 1].map((at) => Math.floor(at * widthPx / TILES.columns));
@@ -438,7 +439,7 @@ function upgrade(request, socket) {
   socket.write('HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n' +
     (protocols.includes('isoscope') ? 'Sec-WebSocket-Protocol: isoscope\r\n' : '') +
     `Sec-WebSocket-Accept: ${createHash('sha1').update(key).digest('base64')}\r\n\r\n`);
-  const stream = { socket, frames: 0, sequence: 0, newest: null, states: new Map(), timer: 0 };
+  const stream = { socket, frames: 0, tiles: 0, sequence: 0, newest: null, states: new Map(), timer: 0 };
   streams.add(stream);
   let bytes = Buffer.alloc(0);
   socket.on('data', (data) => {
@@ -494,7 +495,7 @@ async function respond(request, body, reply) {
     if (request.method === 'POST') {
       const { answer: sequence, drop, reset, ...rest } = JSON.parse(body);
       if (reset) {
-        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 });
+        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, tiles: 0, renders: [], targets: [], webps: 0 });
       }
       Object.assign(control, rest);
       if ('hold' in rest) {
