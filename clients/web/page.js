@@ -144,20 +144,23 @@ async function loadDatasets() {
     return;
   }
   isLoading = true;
+  const { token } = client;
   try {
-    const asked = loadAbilities().then(showFirst);
-    datasets = (await client.get('v1/datasets')).datasets ?? [];
-    await asked;
+    // Where datasets are known, abilities are.
+    const [answer] = await Promise.all([client.get('v1/datasets'), loadAbilities().then(showFirst)]);
+    datasets = answer.datasets ?? [];
+    isLoading = false;
   } catch (error) {
+    isLoading = false;
     const { status, message } = /** @type {Error & {status: number}} */ (error);
-    if (status === 401) {
-      closeDoor();
-    } else {
+    if (status !== 401) {
       say(message, true);
+    } else if (token === client.token) {
+      closeDoor();
+    } else if (!isDoorClosed()) {
+      loadDatasets();  // the answer to a token of before says nothing of that of now
     }
     return;
-  } finally {
-    isLoading = false;
   }
   if (datasets.length === 0) {
     say('The server has no dataset yet. Start an agent with one: isoscope partition head.nii.gz, then isoscope serve head.', true);

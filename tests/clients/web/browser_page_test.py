@@ -38,6 +38,21 @@ class PageTest(base.PageTest):
         self.until(f'[...document.getElementById("{menu}").options].some((one) => one.value === "{value}")')
         self.js("const [id, value] = arguments; const menu = document.getElementById(id); menu.value = value; menu.dispatchEvent(new Event('change'));", menu, value)
 
+    @contextlib.contextmanager
+    def held(self, addresses):
+        """Answers to these addresses, a regular expression, wait until the end of it."""
+        self.gateway.control(hold=addresses)
+        try:
+            yield
+        finally:
+            self.gateway.control(hold=None)
+
+    def until_held(self, count=1):
+        end = time.monotonic() + base.PATIENCE_S
+        while len(self.gateway.control()['held']) < count:
+            self.assertLess(time.monotonic(), end, 'nothing was asked for')
+            time.sleep(0.02)
+
 
 class DoorTest(PageTest):
     TOKEN = base.TokenTest.TOKEN
@@ -104,6 +119,21 @@ class DoorTest(PageTest):
             self.enter('of-the-next-start')
             self.until(f'isoscope.view.isExact && !({self.IS_CLOSED})')
             self.assertEqual([55], self.js('return isoscope.view.state.surfaces.map((one) => one.isovalue)'))
+
+    def test_an_answer_to_the_token_of_before_does_not_close_the_door_again(self):
+        with self.another_tab():
+            self.open('#dataset=ball&surface=55', query='?theme=dark&max-side=420')
+            self.until(self.IS_CLOSED)
+            with self.held('^/v1/datasets$'):
+                self.enter(self.TOKEN)
+                self.until(f'!({self.IS_CLOSED}) && isoscope.view.loop.connection.isOpen')
+                self.until_held()
+                self.gateway.control(token='of-the-next-start', drop=[1001, ''])
+                self.until(self.IS_CLOSED)
+                self.enter('of-the-next-start')
+                self.until(f'!({self.IS_CLOSED})')
+            self.until('isoscope.view.isExact')
+            self.assertFalse(self.js(f'return {self.IS_CLOSED}'))
 
     def test_a_link_with_access_opens_without_a_question_and_keeps_the_token_out_of_every_address(self):
         self.open_and_wait('#dataset=ball&surface=65', query=base.TokenTest.QUERY)
@@ -233,21 +263,6 @@ class LateTest(PageTest):
     """Answers that come late, while the view goes on."""
     SURFACES = 'isoscope.view.state.surfaces.map((one) => one.isovalue).join()'
     EYE = 'isoscope.view.camera.eye'
-
-    @contextlib.contextmanager
-    def held(self, addresses):
-        """Answers to these addresses, a regular expression, wait until the end of it."""
-        self.gateway.control(hold=addresses)
-        try:
-            yield
-        finally:
-            self.gateway.control(hold=None)
-
-    def until_held(self, count=1):
-        end = time.monotonic() + base.PATIENCE_S
-        while len(self.gateway.control()['held']) < count:
-            self.assertLess(time.monotonic(), end, 'nothing was asked for')
-            time.sleep(0.02)
 
     def test_the_legend_names_the_axes_of_a_dataset_that_comes_after_the_picture(self):
         with self.held('^/v1/datasets/patient$'):
