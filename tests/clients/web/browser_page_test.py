@@ -26,12 +26,14 @@ if base.webdriver is not None:
 
 
 class PageTest(base.PageTest):
-    # Whether the controls are drawn of the dataset, which may come after the picture.
-    IS_DRAWN = 'document.getElementById("facts").textContent !== ""'
-
     def open_and_wait(self, *args, **kwargs):
-        self.open(*args, **kwargs)
-        self.until(f'isoscope.view.isExact && {self.IS_DRAWN}')
+        super().open_and_wait(*args, **kwargs)
+        self.until_drawn()
+
+    def until_drawn(self):
+        """Waits until the controls are drawn of the dataset, which may come after the picture."""
+        self.until('isoscope.view.dataset && isoscope.view.dataset.name === isoscope.view.state.dataset')
+        self.browser.execute_async_script('const [done] = arguments; requestAnimationFrame(done);')
 
     def choose(self, menu, value):
         """Chooses an entry of a menu by its id, once the page has it."""
@@ -760,7 +762,8 @@ class RefiningTest(PageTest):
 
     def show(self, text='exact', hash_='#dataset=ball&surface=40'):
         self.open(hash_)
-        self.until(f'{self.STATE}.includes({text!r}) && {self.IS_DRAWN}')
+        self.until(f'{self.STATE}.includes({text!r})')
+        self.until_drawn()
 
     def button(self):
         return self.browser.find_element(By.ID, 'draw-exact')
