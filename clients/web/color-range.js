@@ -28,6 +28,10 @@ function coloring() {
   return { choice, selection, stepCount: steps.length, isServed: steps.length === 0 || indexOfStep(steps, selection) >= 0 };
 }
 
+/** @param {any} selection a scalar and a step */
+const addressOfCounts = (selection) =>
+  `v1/datasets/${encodeURIComponent(shown.dataset?.name ?? '')}/histogram?bins=4096${histogramWords(shown.dataset, selection)}`;
+
 /** @param {any} component @returns {Range | null} of its finite values over all steps */
 function wholeRange({ finiteRange, valueRange }) {
   const { min = 0, max = 0 } = finiteRange ?? valueRange ?? {};
@@ -36,6 +40,9 @@ function wholeRange({ finiteRange, valueRange }) {
 
 /** @param {any} surface whether its colour is that of a map */
 const isMapped = ({ colorBy }) => Boolean(colorBy) && colorBy.quantity !== 'QUANTITY_NORMAL';
+/** What the maps show, as text. */
+const mappedNow = () => JSON.stringify([shown.state.dataset, (shown.state.surfaces ?? []).map((/** @type {any} */ { colorBy }) =>
+  [colorBy?.quantity, colorBy?.field, colorBy?.component])]);
 /** @param {any} surface whether nothing is seen of it */
 const isClear = ({ color }) => Boolean(color) && !color.alpha;
 
@@ -105,8 +112,12 @@ export function listenToColorRange(setRange) {
   };
   visible.onclick = async () => {
     visible.disabled = true;
+    const mapped = mappedNow();
     try {
-      take(await visibleRange());
+      const range = await visibleRange();
+      if (mappedNow() === mapped) {  // else they are other values now
+        take(range);
+      }
     } catch (error) {
       say(/** @type {Error} */ (error).message, true);
     }
@@ -125,10 +136,10 @@ export function listenToColorRange(setRange) {
     }
     thisStep.disabled = true;
     try {
-      const { dataset } = shown;
-      const answer = await client.get(`v1/datasets/${encodeURIComponent(dataset?.name ?? '')}/histogram?bins=4096${histogramWords(dataset, now.selection)}`);
-      const { choice } = coloring() ?? {};
-      if (shown.dataset === dataset && choice?.word === now.choice.word) {  // else another one was chosen meanwhile
+      const address = addressOfCounts(now.selection);
+      const answer = await client.get(address);
+      const after = coloring();
+      if (after && addressOfCounts(after.selection) === address) {  // else another one was chosen meanwhile
         take(rangeOfBins(answer, wholeRange(now.choice.component)));
       }
     } catch (error) {

@@ -13,6 +13,7 @@ import { PALETTE, format, formatIn, fromHex, nextColor, rangesOfChart, tidy, toH
 /** @type {any} */
 let histogram = null;
 let histogramOf = '';
+let histogramTimer = 0;
 
 /** Whether the pointer is on the chart, and the line below tells what is under it. */
 let isHovered = false;
@@ -55,6 +56,7 @@ export async function loadHistogram(dataset, selection) {
   // The curve of another step stays until the new one is here.
   histogram = histogramOf.startsWith(`v1/datasets/${encodeURIComponent(dataset.name)}/`) ? histogram : null;
   histogramOf = address;
+  clearTimeout(histogramTimer);
   try {
     const answer = await client.get(address);
     if (histogramOf !== address) {
@@ -64,16 +66,18 @@ export async function loadHistogram(dataset, selection) {
     page.hover.textContent = chartHint();
     page.hover.classList.remove('error');
   } catch (error) {
+    if (histogramOf !== address) {
+      return;
+    }
     page.hover.textContent = `No histogram: ${/** @type {Error} */ (error).message}`;
     page.hover.classList.add('error');
   }
   redraw();
 }
 
-let histogramTimer = 0;
 /**
  * Counts of another step are asked for once the time rests.
- * @param {boolean} isPlaying
+ * @param {boolean} isPlaying or about to show other samples, whose counts are being asked for
  */
 export function followHistogram(isPlaying) {
   clearTimeout(histogramTimer);

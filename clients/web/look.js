@@ -144,8 +144,11 @@ function barOf({ title, colorMap, range, nan }) {
 }
 
 let legendDrawn = '[]';
-/** @param {any} frame of the response */
-export function drawLegend(frame) {
+/** @type {any} */
+let legendFrame = null;
+/** @param {any} [frame] of the response; default: the last one, as its dataset, which names the axes, may have come since */
+export function drawLegend(frame = legendFrame) {
+  legendFrame = frame;
   const entries = legendOf(frame, shown.dataset);
   const words = JSON.stringify(entries);
   if (words !== legendDrawn) {

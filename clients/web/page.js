@@ -42,8 +42,11 @@ const series = new SeriesControls(shown, { field: byId('field', HTMLSelectElemen
   loop: byId('loop', HTMLInputElement), quantities: byId('field-quantities', HTMLOptGroupElement) },
 { say, format, chooseField: (selection) => {
   // Isovalues, clips of samples and ranges of colours were of other samples; a material is of none.
-  const { surfaces, caps, ...rest } = shown.getState();
-  open({ ...rest, selection }, [], surfaces);
+  const { surfaces } = shown.getState();
+  open(() => {
+    const { surfaces: gone, caps, ...rest } = shown.getState();
+    return { ...rest, selection };
+  }, [], surfaces);
 } });
 
 byId('fold', HTMLElement).onclick = (event) => {
@@ -77,10 +80,13 @@ function openAddress() {
   // A link has not the colours of the dataset, nor those that tell surfaces apart.
   const colored = state.surfaces ? { ...state, surfaces: paintedApart(withColors(state.surfaces, shown.dataset)) } : state;
   if (stateToHash(colored) !== stateToHash(shown.getState())) {
-    open(state, problems);
+    open(() => state, problems);
   }
 }
+/** Whether what the view shows is of the address: it may have begun before the datasets are known. */
+let isOfAddress = true;
 window.addEventListener('hashchange', () => {
+  isOfAddress = false;
   tryAtDoor(takeTokenAgain());
   // Behind the door nothing is known; the address is read again once it opens.
   if (!isDoorClosed()) {
@@ -138,26 +144,30 @@ async function loadDatasets() {
     return;
   }
   isLoading = true;
+  const { token } = client;
   try {
-    const asked = loadAbilities().then(showFirst);
-    datasets = (await client.get('v1/datasets')).datasets ?? [];
-    await asked;
+    // Where datasets are known, abilities are.
+    const [answer] = await Promise.all([client.get('v1/datasets'), loadAbilities().then(showFirst)]);
+    datasets = answer.datasets ?? [];
+    isLoading = false;
   } catch (error) {
+    isLoading = false;
     const { status, message } = /** @type {Error & {status: number}} */ (error);
-    if (status === 401) {
-      closeDoor();
-    } else {
+    if (status !== 401) {
       say(message, true);
+    } else if (token === client.token) {
+      closeDoor();
+    } else if (!isDoorClosed()) {
+      loadDatasets();  // the answer to a token of before says nothing of that of now
     }
     return;
-  } finally {
-    isLoading = false;
   }
   if (datasets.length === 0) {
     say('The server has no dataset yet. Start an agent with one: isoscope partition head.nii.gz, then isoscope serve head.', true);
   }
   drawDatasets();
-  open(stateOfAddress().state, start.problems);
+  const { state } = stateOfAddress();
+  open(() => isOfAddress && shown.state.surfaces ? shown.getState() : state, start.problems);
 }
 
 /**
@@ -189,41 +199,64 @@ function offer(state) {
   page.choice.hidden = false;
   page.choice.replaceChildren(make('p', {}, sentence), make('ul', {}, ...datasets.map(({ name }) => make('li', {},
     make('button', { className: 'button', title: name, onclick: () => {
-      open(short(name) === short(wanted) ? { ...state, dataset: name } : { dataset: name }, []);
+      open(() => short(name) === short(wanted) ? { ...state, dataset: name } : { dataset: name }, []);
     } }, shortNameOf(name, datasets))))));
   announcer.say(sentence);
 }
 
+/** @param {string} name of the dataset that is shown, or soon will be */
+function nameDataset(name) {
+  page.dataset.value = name;
+  document.title = `${name} · Isoscope`;
+}
+
 /** How many states were opened: one that is still being asked about gives way to a later one. */
 let openCount = 0;
+/** How many of them are still being asked about. */
+let openingCount = 0;
 /**
- * Shows a state. If it has no surface, the histogram suggests labels or an isovalue; if it has no camera, it is
- * the first look, as of every other client.
- * @param {FrameRequest} state @param {string[]} problems @param {any[]} [before] the surfaces that suggested ones replace
+ * Shows a state once its dataset and its histogram are here.
+ * @param {() => FrameRequest} stateNow is asked again then: what people have changed meanwhile of a view that goes on stays
+ * @param {string[]} problems @param {any[]} [before] the surfaces that suggested ones replace
  */
-async function open(state, problems, before = []) {
-  const turn = openCount += 1;
-  const dataset = state.dataset ? await datasetOf(state.dataset) : datasets[0] ?? null;
+async function open(stateNow, problems, before) {
+  openingCount += 1;
+  try {
+    await ask(openCount += 1, stateNow, problems, before);
+  } finally {
+    openingCount -= 1;
+  }
+  redraw();
+}
+/**
+ * If the state has no surface, the histogram suggests labels or an isovalue; if it has no camera, it is the first look,
+ * as of every other client.
+ * @param {number} turn @param {() => FrameRequest} stateNow @param {string[]} problems @param {any[]} [before]
+ */
+async function ask(turn, stateNow, problems, before = []) {
+  const first = stateNow();
+  const dataset = first.dataset ? await datasetOf(first.dataset) : datasets[0] ?? null;
   if (turn !== openCount) {
     return;
   }
-  const wrong = [...problems, ...(dataset ? withoutFields(state, dataset) : [])];
+  const wrong = [...problems, ...(dataset ? withoutFields(first, dataset) : [])];
   if (wrong.length > 0) {
     say(wrong.slice(0, 3).join('\n'), true);
   }
   if (!dataset) {
-    if (state.dataset && datasets.length > 0) {
-      offer(state);
+    if (first.dataset && datasets.length > 0) {
+      offer(first);
     }
     return;
   }
   page.choice.hidden = true;
-  page.dataset.value = dataset.name;
-  document.title = `${dataset.name} · Isoscope`;
-  await loadHistogram(dataset, state.selection);
+  nameDataset(dataset.name);
+  await loadHistogram(dataset, first.selection);
   if (turn !== openCount) {
     return;
   }
+  const state = stateNow();
+  withoutFields(state, dataset);
   /** @type {FrameRequest} */
   const filled = { ...state, dataset: dataset.name };
   const labels = allLabels(dataset, suggestedLabels().map((/** @type {number} */ value) => ({ value })));
@@ -232,13 +265,16 @@ async function open(state, problems, before = []) {
   filled.backgroundColor ??= fromHex(BACKGROUNDS[theme()]);
   shown.setPins([]);
   clearPoints();
-  const first = asksFirstLook(state) ? withFirstLook(filled, shown.fitKind) : filled;
+  const looked = asksFirstLook(state) ? withFirstLook(filled, shown.fitKind) : filled;
   // Older coordinators refuse the questions.
-  shown.setState({ ...first, ...(abilities.features.includes('notes') ? { withNotes: true } : {}),
+  shown.setState({ ...looked, ...(abilities.features.includes('notes') ? { withNotes: true } : {}),
     ...(abilities.features.includes('unresolved_count') ? { withUnresolvedCount: true } : {}) });
 }
 
-page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
+page.dataset.onchange = () => {
+  const dataset = page.dataset.value;
+  open(() => ({ dataset, backgroundColor: shown.state.backgroundColor }), []);
+};
 
 // ---- views ----
 
@@ -259,11 +295,14 @@ function drawAll() {
   }
   series.draw();
   byId('stage', HTMLElement).classList.toggle('has-time', !byId('timeline', HTMLElement).hidden);
-  followHistogram(series.isPlaying);
+  followHistogram(series.isPlaying || openingCount > 0);
   drawHistogram();
   drawSurfaces();
   drawLabels();
   drawLook();
+  if (shown.isCurrent) {
+    drawLegend();
+  }
   drawLevels();
   drawNotes();
   drawPoints();
@@ -293,9 +332,9 @@ shown.addEventListener('frame', (event) => {
   if (header.frame?.statistics) {
     addCost(header.frame.statistics);
   }
-  drawLegend(header.frame);
+  drawLegend(header.frame ?? null);
   takeCapsColoring(header.frame);
-  takeNotes(header.frame, Boolean(header.isExact));
+  takeNotes(header.frame, shown.isExact);
   unresolved = unresolvedText(header.frame?.statistics);
   series.frameShown(header.frame);
   pillChanged();
@@ -375,11 +414,12 @@ listenToHelp();
 listenToMore();
 listenToUndo((state) => {
   series.rest();
-  if (state.dataset === shown.state.dataset) {
-    shown.setState(state);
-  } else {
-    open(state, []);
+  if (state.dataset !== shown.state.dataset) {
+    return open(() => state, []);
   }
+  openCount += 1;  // what was still being asked about gives way
+  nameDataset(state.dataset);
+  shown.setState(state);
 }, () => series.isPlaying);
 /** @type {any} */ (window).isoscope.undo = undo;
 listenToDoor(() => datasets.length === 0 ? loadDatasets() : openAddress());

@@ -18,6 +18,8 @@ import { format, formatAt } from './values.js';
 
 /** @type {Pick[]} */
 let picks = [];
+/** How often they were cleared: a point that was asked for before is not added. */
+let clearCount = 0;
 /**
  * The surfaces and the step that are shown, as `of` of picks names them.
  * @type {() => string[]}
@@ -39,10 +41,14 @@ export function listenToPoints(series) {
     /** @type {FrameRequest} */
     const frame = { ...series.pinned(shown.getState()), viewport: { widthPx: width, heightPx: height } };
     const step = series.stepKey;
+    const turn = clearCount;
     try {
       const request = { frame, pixels: [{ x, y }], ...(hasAllFields(shown.dataset, frame.selection) ? { withFieldValues: true } : {}) };
       const response = await client.post(`v1/datasets/${encodeURIComponent(frame.dataset ?? '')}/pick`, request);
       const point = (await response.json()).points?.[0];
+      if (turn !== clearCount) {
+        return;
+      }
       if (!point?.isHit) {
         picks = [];
       } else {
@@ -97,6 +103,7 @@ function sentenceOfPicks() {
 
 export function clearPoints() {
   picks = [];
+  clearCount += 1;
   drawPoints();
 }
 

@@ -18,6 +18,8 @@ export const undo = new Undo(stateToHash);
 
 let restTimer = 0;
 let isHeld = false;
+/** How many states of before are on their way to the view: until then it shows what was undone, which is no new entry. */
+let awaitedCount = 0;
 /** Whether a play changes the view. */
 let isPlaying = () => false;
 
@@ -30,7 +32,7 @@ function draw() {
 function rest() {
   clearTimeout(restTimer);
   const state = shown.getState();
-  if (shown.hasState && state.camera && !state.cameraFit && state.dataset && state.backgroundColor) {
+  if (awaitedCount === 0 && shown.hasState && state.camera && !state.cameraFit && state.dataset && state.backgroundColor) {
     undo.rested(state);
     draw();
   }
@@ -50,7 +52,7 @@ function directionOf({ key, shiftKey, ctrlKey, metaKey, altKey }) {
 }
 
 /**
- * @param {(state: FrameRequest) => void} show shows a state of before @param {() => boolean} playing
+ * @param {(state: FrameRequest) => Promise<void> | void} show shows a state of before, at once or later @param {() => boolean} playing
  */
 export function listenToUndo(show, playing) {
   isPlaying = playing;
@@ -66,13 +68,19 @@ export function listenToUndo(show, playing) {
   // The list of a select takes the release of its button.
   window.addEventListener('pointermove', ({ buttons }) => isHeld && buttons === 0 && hold(false), true);
   /** @param {-1 | 1} direction */
-  const go = (direction) => {
+  const go = async (direction) => {
     rest();
     const state = direction < 0 ? undo.undo() : undo.redo();
-    if (state) {
-      show(structuredClone(state));
-    }
     draw();
+    if (state) {
+      awaitedCount += 1;
+      try {
+        await show(structuredClone(state));
+      } finally {
+        awaitedCount -= 1;
+        restLater();
+      }
+    }
   };
   back.onclick = () => go(-1);
   on.onclick = () => go(1);

@@ -62,6 +62,8 @@ export class Loop {
   #isLearning = false;
   /** The place that was asked for last. */
   #focusSent = { x: 0.5, y: 0.5, time: 0 };
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #focusTimer;
   /** Whether a state is to be sent for its place only. */
   #isRefocused = false;
   /** Of the picture whose pixels became fewer; '': none did. */
@@ -159,7 +161,13 @@ export class Loop {
     this.refinement.focus = place;
     const { x, y, time } = this.#focusSent;
     const isFar = place !== null && Math.hypot(place.x - x, place.y - y) > FOCUS_SHARE;
-    if (isFar && performance.now() - time > FOCUS_EVERY_MS && this.refinement.progressOf(this.stream.picture)) {
+    clearTimeout(this.#focusTimer);
+    if (isFar && this.refinement.progressOf(this.stream.picture)) {
+      const waitMs = time + FOCUS_EVERY_MS - performance.now();
+      if (waitMs > 0) {
+        this.#focusTimer = setTimeout(() => this.focus(this.refinement.focus), waitMs);  // the pointer may stay
+        return;
+      }
       this.#isRefocused = true;
       this.schedule();
     }
@@ -196,6 +204,7 @@ export class Loop {
   }
 
   end() {
+    clearTimeout(this.#focusTimer);
     this.#animation.end();
     this.resizer.disconnect();
     this.notices.endWaiting();

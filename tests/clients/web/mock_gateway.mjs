@@ -13,8 +13,9 @@
 // `note`: of the first surface, if it is asked for | null; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
 // dataset | null; `steps`: how many the dataset flow has; `hasWebp`: whether pictures may be WebP, of one grey each; `refine`:
 // {tiles, bytes, seconds}: what an exact picture costs, and how many of its 12 tiles may come: the picture itself comes after the
-// last | null: pictures do not refine; `levels`: how many each dataset has; `unresolved`: blocks, of coarse pictures; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
-// states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
+// last | null: pictures do not refine; `levels`: how many each dataset has; `unresolved`: blocks, of coarse pictures; `hold`: a regular expression of
+// addresses whose answers wait until it is another one | null; `broken`: one of addresses that fail | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
+// states, picks: n, tiles: of a stream, renders: [requests], targets: [addresses below /v1/], held: [addresses]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
 import { createServer } from 'node:http';
@@ -220,9 +221,11 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false, hidden: null, refine: null, levels: 0, unresolved: 0 };
-const seen = { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null, steps: 6, features: ['notes'], note: null, maxViewportPx: 4096, mostPixels: null, hasWebp: false, hidden: null, refine: null, levels: 0, unresolved: 0, hold: null, broken: null };
+const seen = { shown: [], states: 0, first: null, last: null, picks: 0, tiles: 0, renders: [], targets: [], webps: 0 };
 const streams = new Set();
+/** @type {{url: string, answerNow: () => void}[]} */
+const held = [];
 
 function webSocketFrame(opcode, data) {
   const header = data.length < 126 ? Buffer.from([0x80 | opcode, data.length])
@@ -249,6 +252,7 @@ function sendMessage(stream, header, parts) {
 /** Draws a tile of the exact picture: borders of the last ones are those of the picture. */
 function answerTile(stream, state, index) {
   const { widthPx, heightPx } = state.frame.viewport;
+  seen.tiles = stream.tiles += 1;
   stream.image ??= draw(state.frame, { width: widthPx, height: heightPx });
   const [column, row] = [index % TILES.columns, Math.floor(index / TILES.columns)];
   const [x, right] = [column, column + 1].map((at) => Math.floor(at * widthPx / TILES.columns));
@@ -435,7 +439,7 @@ function upgrade(request, socket) {
   socket.write('HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n' +
     (protocols.includes('isoscope') ? 'Sec-WebSocket-Protocol: isoscope\r\n' : '') +
     `Sec-WebSocket-Accept: ${createHash('sha1').update(key).digest('base64')}\r\n\r\n`);
-  const stream = { socket, frames: 0, sequence: 0, newest: null, states: new Map(), timer: 0 };
+  const stream = { socket, frames: 0, tiles: 0, sequence: 0, newest: null, states: new Map(), timer: 0 };
   streams.add(stream);
   let bytes = Buffer.alloc(0);
   socket.on('data', (data) => {
@@ -485,26 +489,32 @@ async function respond(request, body, reply) {
     .map((one) => levels.length > 0 ? { ...one, levels } : one);
   if (parts[0] === 'v1' && !isAdmitted(request, [])) {
     fail(401, 'UNAUTHENTICATED', 'a token is asked for here: open the address that was printed');
+  } else if (control.broken && new RegExp(control.broken).test(request.url)) {
+    fail(503, 'UNAVAILABLE', 'there is nobody who answers this');
   } else if (url.pathname === '/control') {
     if (request.method === 'POST') {
       const { answer: sequence, drop, reset, ...rest } = JSON.parse(body);
       if (reset) {
-        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, renders: [], targets: [], webps: 0 });
+        Object.assign(seen, { shown: [], states: 0, first: null, last: null, picks: 0, tiles: 0, renders: [], targets: [], webps: 0 });
       }
       Object.assign(control, rest);
+      if ('hold' in rest) {
+        held.splice(0).forEach(({ answerNow }) => answerNow());
+      }
       if (drop) {
         [...streams].forEach((stream) => close(stream, drop[0], drop[1]));
       }
       // The state may be on its way still.
       owed = sequence && ![...streams].some((stream) => stream.states.has(sequence)) ? sequence : 0;
-      for (const stream of streams) {
+      const isOfAddresses = Object.keys(JSON.parse(body)).every((name) => ['hold', 'broken'].includes(name));
+      for (const stream of isOfAddresses ? [] : streams) {
         if (stream.states.has(sequence)) {
           answer(stream, stream.states.get(sequence), false);
         }
         work(stream);
       }
     }
-    send(seen);
+    send({ ...seen, held: held.map(({ url: address }) => address) });
   } else if (url.pathname === '/v1/datasets') {
     send({ datasets });
   } else if (url.pathname === '/v1/capabilities' && control.features) {
@@ -579,8 +589,13 @@ function serve() {
             'img-src \'self\' blob: data:; connect-src \'self\'; base-uri \'none\'; form-action \'none\'' });
         response.end(body);
       };
-      respond(request, Buffer.concat(chunks).toString(), reply).catch((error) =>
+      const answerNow = () => respond(request, Buffer.concat(chunks).toString(), reply).catch((error) =>
         reply(400, 'application/json', JSON.stringify({ code: 'INVALID_ARGUMENT', message: String(error) })));
+      if (control.hold && new RegExp(control.hold).test(request.url)) {
+        held.push({ url: request.url, answerNow });
+      } else {
+        answerNow();
+      }
     });
   });
   server.on('upgrade', upgrade);
