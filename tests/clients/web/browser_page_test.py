@@ -1077,4 +1077,4 @@ class RealDoorTest(base.RealPageTest):
 if __name__ == '__main__':
     if base.missing():
         skips.skip_program('browser', 'the page is tested in one, and these are missing: ' + ', '.join(base.missing()))
-    unittest.main(verbosity=2)
+    base.main()

@@ -1771,7 +1771,25 @@ class WidgetTest(PageTest):
         self.until('sent.some((m) => m.text?.includes("frameShown"))')
 
 
+def told_of(test, trace):
+    """One line: the test, where it failed, and why."""
+    lines = [line for line in trace.splitlines() if line.strip()]
+    frames = [i for i, line in enumerate(lines) if line.startswith('  File "')]
+    why = next((i for i in range(max(frames, default=0), len(lines)) if not lines[i].startswith(' ')), len(lines) - 1)
+    places = [lines[i].split(', in ')[0].strip() for i in frames if f'{os.path.basename(sys.argv[0])}"' in lines[i]]
+    words = [lines[why][:400]] + ([f'... {lines[-1][-300:]}'] if why < len(lines) - 1 else [])
+    return f'FAILED {test.id()}: {" ".join(words)}{f" ({places[-1]})" if places else ""}'
+
+
+def main():
+    """Runs the tests of the program. The last lines name those that failed: of a long output a CI shows only the end."""
+    result = unittest.main(verbosity=2, exit=False).result
+    for test, trace in result.failures + result.errors:
+        print(told_of(test, trace), file=sys.stderr)
+    sys.exit(not result.wasSuccessful())
+
+
 if __name__ == '__main__':
     if missing():
         skips.skip_program('browser', 'the page is tested in one, and these are missing: ' + ', '.join(missing()))
-    unittest.main(verbosity=2)
+    main()
