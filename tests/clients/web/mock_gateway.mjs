@@ -14,7 +14,7 @@
 // dataset | null; `steps`: how many the dataset flow has; `hasWebp`: whether pictures may be WebP, of one grey each; `refine`:
 // {tiles, bytes, seconds}: what an exact picture costs, and how many of its 12 tiles may come: the picture itself comes after the
 // last | null: pictures do not refine; `levels`: how many each dataset has; `unresolved`: blocks, of coarse pictures; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
-// states, picks: n, renders: [requests], targets: [addresses below /v1/]}.
+// states, picks: n, renders: [requests], targets: [addresses below /v1/], streams: n that are open}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
 import { createServer } from 'node:http';
@@ -504,7 +504,7 @@ async function respond(request, body, reply) {
         work(stream);
       }
     }
-    send(seen);
+    send({ ...seen, streams: streams.size });
   } else if (url.pathname === '/v1/datasets') {
     send({ datasets });
   } else if (url.pathname === '/v1/capabilities' && control.features) {
