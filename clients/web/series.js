@@ -285,7 +285,7 @@ export class SeriesControls {
     this.draw();
     const { timeStep, time } = view.state.selection ?? {};
     if (this.steps.at(-1)?.number !== before && (timeStep ?? -1) < 0 && time === undefined && !this.isPlaying) {
-      view.update({});
+      view.renew();
     }
   }
 

@@ -179,6 +179,12 @@ export class View extends EventTarget {
     this.setState({ ...this.getState(), ...part }, how);
   }
 
+  /** Asks for the picture anew, though its request be the same: the dataset is another now. */
+  renew() {
+    this.loop.stream.renew();
+    this.update({});
+  }
+
   /** @param {Camera} camera */
   setCamera(camera) {
     this.loop.model.move(camera);

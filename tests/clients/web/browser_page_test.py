@@ -14,7 +14,6 @@ import struct
 import subprocess
 import tempfile
 import time
-import unittest
 import urllib.parse
 
 import browser_test as base
@@ -1252,4 +1251,4 @@ class RealDoorTest(base.RealPageTest):
 if __name__ == '__main__':
     if base.missing():
         skips.skip_program('browser', 'the page is tested in one, and these are missing: ' + ', '.join(base.missing()))
-    unittest.main(verbosity=2)
+    base.main()

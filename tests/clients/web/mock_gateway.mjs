@@ -15,7 +15,8 @@
 // {tiles, bytes, seconds}: what an exact picture costs, and how many of its 12 tiles may come: the picture itself comes after the
 // last | null: pictures do not refine; `levels`: how many each dataset has; `unresolved`: blocks, of coarse pictures; `hold`: a regular expression of
 // addresses whose answers wait until it is another one | null; `broken`: one of addresses that fail | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, first and last:
-// states, picks: n, tiles: of a stream, renders: [requests], targets: [addresses below /v1/], held: [addresses]}.
+// states, picks: n, tiles: of a stream, renders: [requests], targets: [addresses below /v1/], held: [addresses],
+// streams: n that are open}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
 import { createServer } from 'node:http';
@@ -514,7 +515,7 @@ async function respond(request, body, reply) {
         work(stream);
       }
     }
-    send({ ...seen, held: held.map(({ url: address }) => address) });
+    send({ ...seen, held: held.map(({ url: address }) => address), streams: streams.size });
   } else if (url.pathname === '/v1/datasets') {
     send({ datasets });
   } else if (url.pathname === '/v1/capabilities' && control.features) {
