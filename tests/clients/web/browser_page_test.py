@@ -25,14 +25,10 @@ if base.webdriver is not None:
 
 
 class PageTest(base.PageTest):
-    def open_and_wait(self, *args, **kwargs):
-        super().open_and_wait(*args, **kwargs)
-        self.until_drawn()
-
     def until_drawn(self):
-        """Waits until the controls are drawn of the dataset, which may come after the picture."""
+        """Waits until the controls are drawn of the dataset that is shown."""
         self.until('isoscope.view.dataset && isoscope.view.dataset.name === isoscope.view.state.dataset')
-        self.browser.execute_async_script('const [done] = arguments; requestAnimationFrame(done);')
+        super().until_drawn()
 
     def choose(self, menu, value):
         """Chooses an entry of a menu by its id, once the page has it."""
@@ -277,7 +273,8 @@ class LateTest(PageTest):
         link = self.js('return location.hash')
         self.addCleanup(lambda: self.gateway.control(broken=None))
         self.gateway.control(broken='^/v1/datasets$|/histogram[?]')
-        self.open_and_wait(link)
+        self.open(link)
+        self.until_exact()
         self.until('document.getElementById("toast").textContent')  # with the next connection the datasets are asked for again
         self.gateway.control(broken=None)
         with self.held('/histogram'):
