@@ -108,7 +108,7 @@ class CopyFolderTest : public testing::FolderTest {
                     absl::StrCat("<ListBucketResult><EncodingType>url</EncodingType>", contents,
                                  "<IsTruncated>false</IsTruncated></ListBucketResult>"));
     }
-    if (key == cut_key_) {
+    if (!key.empty() && key == cut_key_) {
       const std::string& bytes = objects_.at(key).bytes;
       return Answer(200, "", bytes.substr(0, bytes.size() / 2));
     }
